@@ -1,0 +1,40 @@
+"""
+The command `pkm`: one verb a tool.
+
+Verbs of the core are added here; packages above it add theirs through the entry-point group `pkm.verbs`.
+"""
+
+import sys
+from importlib.metadata import entry_points
+
+import typer
+
+from pkm_core.errors import PkmError
+
+app = typer.Typer(
+    help='Tools of the parallel-manipulator cell. Every verb that yields figures takes --json FILE.',
+    no_args_is_help=True,
+    rich_markup_mode='markdown',
+    context_settings={'help_option_names': ['-h', '--help']},
+    pretty_exceptions_enable=False,
+)
+
+
+@app.callback()
+def _pkm():
+    """Keep `pkm VERB` the form even while there is only one verb."""
+
+
+for _entry in sorted(entry_points(group='pkm.verbs'), key=lambda entry: entry.name):
+    app.command(_entry.name)(_entry.load())
+
+
+def main():
+    """Run the command line; a refusal is one line on stderr and code 1."""
+    try:
+        app()
+    except PkmError as error:
+        print(f'pkm: {error}', file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)

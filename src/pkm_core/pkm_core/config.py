@@ -1,0 +1,193 @@
+"""
+Strict YAML to frozen models: every value carries its unit, every error says file, key, what came and what is allowed.
+
+Files write quantities as people do (``l2: 70 mm``); models hold SI floats. A bare number where a unit is due, a unit of
+another dimension, an unknown or doubled key, a NaN, a value out of range: all are refused by `load_config`.
+Built from Python, the same models take plain SI numbers.
+"""
+
+import hashlib
+import os
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+
+from pkm_core.errors import ConfigError
+
+_FROM_FILE = {'from_file': True}
+
+
+class Config(BaseModel):
+    """Base of every configuration model: frozen, no unknown keys, finite numbers only."""
+
+    model_config = ConfigDict(frozen=True, extra='forbid', allow_inf_nan=False, hide_input_in_errors=True)
+
+
+@cache
+def _units():
+    import pint  # takes 0.3 s to import; only files with units need it
+
+    return pint.UnitRegistry(cache_folder=':auto:')
+
+
+def _to_si(value, unit, info):
+    from_file = bool(info.context and info.context.get('from_file'))
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise ValueError(f'{value!r} is not a quantity; expected a number in {unit or "1"}')
+    if isinstance(value, (int, float)):
+        if from_file and unit:
+            raise ValueError(f"{value!r} has no unit; expected a quantity in {unit}, e.g. '{value} {unit}'")
+        return float(value)
+    import pint
+
+    try:
+        quantity = _units().Quantity(value)
+        return float(quantity.to(unit or 'dimensionless').magnitude)
+    except pint.DimensionalityError as error:
+        raise ValueError(f"'{value}' has the dimension of {error.units1}; expected one of {unit or '1'}") from None
+    except Exception:  # pint raises a dozen kinds for text that is no quantity
+        raise ValueError(f"'{value}' is not a quantity; expected e.g. '1.0 {unit}'") from None
+
+
+def quantity(unit):
+    """
+    Return the annotated float type of a field held in `unit` (an SI unit; '' for a pure number).
+
+    Add bounds in SI with ``Annotated[quantity('m'), Field(gt=0)]``.
+    """
+    return Annotated[float, BeforeValidator(lambda value, info: _to_si(value, unit, info))]
+
+
+Number = quantity('')
+Length = quantity('m')
+Mass = quantity('kg')
+Inertia = quantity('kg m^2')
+Time = quantity('s')
+Frequency = quantity('Hz')
+Force = quantity('N')
+Voltage = quantity('V')
+Speed = quantity('m/s')
+Angle = quantity('rad')
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """SafeLoader that refuses a doubled key instead of keeping the last one."""
+
+    def construct_mapping(self, node, deep=False):
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise yaml.constructor.ConstructorError(None, None, f'key {key!r} stands twice', node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path):
+    """Return the mapping in the YAML file `path`; `ConfigError` if it cannot be read as one."""
+    path = Path(path)
+    try:
+        data = yaml.load(path.read_text(encoding='utf-8'), _UniqueKeyLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise ConfigError(f'{path}: cannot be read: {reason}') from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        where = f'line {mark.line + 1}: ' if mark else ''
+        raise ConfigError(f'{path}: {where}{getattr(error, "problem", error)}') from None
+    if not isinstance(data, dict):
+        raise ConfigError(f'{path}: holds {type(data).__name__}; expected a mapping of keys')
+    return data
+
+
+def _lookup(data, location):
+    for part in location:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def _known_keys(model, location):
+    for part in location:
+        annotation = model.model_fields[part].annotation if isinstance(part, str) and part in model.model_fields else None
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            return None
+        model = annotation
+    return sorted(model.model_fields)
+
+
+def _explain(error, model, data):
+    location, kind, context = error['loc'], error['type'], error.get('ctx', {})
+    key = '.'.join(str(part) for part in location)
+    if kind == 'extra_forbidden':
+        known = _known_keys(model, location[:-1])
+        return f'unknown key {key!r}' + (f'; known: {known}' if known else '')
+    if kind == 'missing':
+        return f'{key}: is missing'
+    if kind == 'value_error':
+        reason = str(context['error'])
+        return f'{key}: {reason}' if key else reason
+    return f'{key}: {_lookup(data, location)!r} given; {error["msg"][0].lower()}{error["msg"][1:]} (SI)'
+
+
+def parse_config(data, model: type[Config], *, where: str) -> Any:
+    """Return `model` built from the mapping `data` of a file; errors begin with `where`."""
+    try:
+        return model.model_validate(data, context=_FROM_FILE)
+    except ValidationError as error:
+        reasons = [_explain(item, model, data) for item in error.errors()]
+        raise ConfigError('\n'.join(f'{where}: {reason}' for reason in reasons)) from None
+
+
+def load_config(path, model: type[Config]) -> Any:
+    """Return `model` read from the YAML file `path`; `ConfigError` names file, key, value and what is allowed."""
+    return parse_config(read_yaml(path), model, where=str(path))
+
+
+def config_folder() -> Path:
+    """Return the folder of configuration files: $PKM_CONFIG, else the source tree's, else the installed one."""
+    named = os.environ.get('PKM_CONFIG')
+    if named:
+        return Path(named)
+    beside = Path(__file__).resolve().parents[1] / 'config'
+    prefixes = [Path(p) for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p] + [Path(sys.prefix)]
+    for folder in [beside, *(prefix / 'share' / 'pkm_core' / 'config' for prefix in prefixes)]:
+        if folder.is_dir():
+            return folder
+    raise ConfigError(f'no config folder at {beside} or in share/pkm_core of {prefixes}; set PKM_CONFIG')
+
+
+def find_config(kind, name_or_path) -> Path:
+    """
+    Return the file of `name_or_path`: a path to a YAML file, or the name of one in config/`kind`.
+
+    Raises
+    ------
+    ConfigError
+        If there is none; the names that exist are listed.
+
+    """
+    text = str(name_or_path)
+    if text.endswith(('.yaml', '.yml')) or os.sep in text:
+        path = Path(text)
+        if path.is_file():
+            return path
+        raise ConfigError(f'{path}: no such file')
+    folder = config_folder() / kind
+    path = folder / f'{text}.yaml'
+    if not path.is_file():
+        known = sorted(entry.stem for entry in folder.glob('*.yaml'))
+        raise ConfigError(f'{kind}: {text!r} is unknown; {folder} has {known}')
+    return path
+
+
+def hash_files(paths) -> str:
+    """Return 12 hex digits that change when the content of any of the files `paths` changes."""
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(Path(path).read_bytes())
+    return digest.hexdigest()[:12]

@@ -1,0 +1,19 @@
+"""Linear encoder of one joint: a glass scale, its interpolator and the counter; 0.2 um a count (thesis 6.1)."""
+
+import math
+
+from numba import njit
+
+
+@njit(cache=True)
+def encoder_count(position, resolution, signal_period, subdivision_error, noise):
+    """
+    Return the count (a whole float) read at `position` [m], which includes the offset of the reference mark.
+
+    The interpolator divides a sine and a cosine of `signal_period` [m]: unequal offsets give an error once a period,
+    unequal gains one twice a period of half the amplitude `subdivision_error` [m]. `noise` [counts] acts in front
+    of the counter, which rounds down.
+    """
+    angle = 2.0 * math.pi * position / signal_period
+    error = subdivision_error * (math.sin(angle) + 0.5 * math.sin(2.0 * angle))
+    return math.floor((position + error) / resolution + noise)

@@ -1,0 +1,181 @@
+"""What every machine has: travel, drive and sensor facts, and its compiled rigid dynamics over leading axes."""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from pkm_core.config import Config, Inertia, Length, Mass, Speed, Time, Voltage, quantity
+from pkm_core.jet import as_series, value
+from pkm_core.machines.checks import check_between, check_finite, check_last_axis
+
+PositiveLength = Annotated[Length, Field(gt=0)]
+NotNegativeLength = Annotated[Length, Field(ge=0)]
+PositiveMass = Annotated[Mass, Field(gt=0)]
+PositiveInertia = Annotated[Inertia, Field(gt=0)]
+ROUNDING = 1e-9  # m; the inverse of a pose on a limit may round to either side of it
+
+
+class JointConfig(Config):
+    """Travel of one slider."""
+
+    lower: Length
+    upper: Length
+    home: Length
+
+    @model_validator(mode='after')
+    def _home_lies_in_travel(self):
+        if not self.lower < self.upper:
+            raise ValueError(f'lower {self.lower * 1e3:g} mm is not below upper {self.upper * 1e3:g} mm')
+        if not self.lower <= self.home <= self.upper:
+            raise ValueError(f'home {self.home * 1e3:g} mm; allowed {self.lower * 1e3:g} to {self.upper * 1e3:g} mm')
+        return self
+
+
+class DriveConfig(Config):
+    """One linear motor with its amplifier; all axes of a machine carry the same."""
+
+    force_constant: Annotated[quantity('N/A'), Field(gt=0)]  # per ampere rms
+    amplifier_gain: Annotated[quantity('A/V'), Field(gt=0)]  # peak phase current per volt of command
+    peak_current: Annotated[quantity('A'), Field(gt=0)]
+    voltage_limit: Annotated[Voltage, Field(gt=0)]
+    speed_limit: Annotated[Speed, Field(gt=0)]
+
+
+class MachineConfig(Config):
+    """What the file of any machine holds; each mechanism adds its joints, geometry and masses."""
+
+    mechanism: str
+    sample_time: Annotated[Time, Field(gt=0)]
+    encoder_resolution: PositiveLength
+    drive: DriveConfig
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one machine may be asked for; `lower` and `upper` per joint, speed and thrust the same for all."""
+
+    lower: np.ndarray  # (n,) m
+    upper: np.ndarray  # (n,) m
+    speed: float  # m/s
+    thrust: float  # N, at the peak current
+
+
+class Machine(ABC):
+    """
+    A mechanism of n linear motors: joint positions q (..., n) [m], pose x (..., m) in `coordinates` [m, rad].
+
+    Poses are taken in the base frame, whose axes X and Y run along the guides; leading axes are samples.
+
+    Attributes
+    ----------
+    joints, coordinates : tuple of str
+        Names of the entries of q and of a pose.
+    parameters : tuple of str
+        Names of the entries of the vector p that `terms` takes.
+    terms, terms_over_axes : compiled functions
+        ``terms(q, qd, p, M, C, G)`` and ``M, C, G = terms_over_axes(q, qd, p)``, see pkm_core.dynamics.
+    home : ndarray, shape (n,)
+        Joint positions at power-up [m].
+    sample_time, encoder_resolution, voltage_limit, thrust_per_volt : float
+        [s], [m/count], [V], [N/V].
+
+    """
+
+    joints: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+    def __init__(self, config, name):
+        self.config = config
+        self.name = name
+        travel = [getattr(config.joints, joint) for joint in self.joints]
+        drive = config.drive
+        thrust_per_ampere = drive.force_constant / math.sqrt(2.0)  # of peak current; the constant is per ampere rms
+        self.home = _constant([joint.home for joint in travel])
+        self.limits = Limits(
+            lower=_constant([joint.lower for joint in travel]),
+            upper=_constant([joint.upper for joint in travel]),
+            speed=drive.speed_limit,
+            thrust=thrust_per_ampere * drive.peak_current,
+        )
+        self.sample_time = config.sample_time
+        self.encoder_resolution = config.encoder_resolution
+        self.voltage_limit = drive.voltage_limit
+        self.thrust_per_volt = thrust_per_ampere * drive.amplifier_gain
+
+    @abstractmethod
+    def forward(self, q):
+        """Return the pose (..., m) of the joint positions `q` (..., n), array or Jet; `WorkspaceError` out of reach."""
+
+    @abstractmethod
+    def inverse(self, x):
+        """Return the joint positions (..., n) of the pose `x` (..., m), array or Jet; `WorkspaceError` out of reach."""
+
+    @abstractmethod
+    def jacobian(self, q):
+        """Return d forward / dq (..., m, n) at `q` (..., n) [m/m, rad/m]."""
+
+    @abstractmethod
+    def singularity_margin(self, q):
+        """Return how far (...,) [m] the nearest singularity is; what is measured is the mechanism's."""
+
+    @abstractmethod
+    def passive_angles(self, q):
+        """Return {name: angle (...,) [rad]} of the joints without a motor, for an array or Jet `q` (..., n)."""
+
+    @abstractmethod
+    def dynamic_parameters(self):
+        """Return the nominal vector p of `terms`, a new array in the order of `parameters` [SI]."""
+
+    def check_joints(self, q):
+        """Refuse joint positions `q` (..., n) that are not finite or outside the travel (2.4): `WorkspaceError`."""
+        q = self._joints(q)
+        check_finite(q, self.joints)
+        check_between(q, self.limits.lower, self.limits.upper, self.joints, 'travel', slack=ROUNDING)
+
+    def check_pose(self, x):
+        """Refuse poses `x` (..., m) that the mechanism or the travel of its sliders cannot reach: `WorkspaceError`."""
+        self.check_joints(self.inverse(x))
+
+    def mass_matrix(self, q):
+        """Return M (..., n, n) [kg] at `q` (..., n), symmetric and positive definite."""
+        return self._terms(q, np.zeros(len(self.joints)))[0]
+
+    def bias(self, q, qd):
+        """Return C (..., n) [N], the Coriolis and centrifugal forces at `q`, `qd` (..., n)."""
+        return self._terms(q, qd)[1]
+
+    def gravity(self, q):
+        """Return G (..., n) [N], the slider forces that hold the mechanism still at `q` (..., n)."""
+        return self._terms(q, np.zeros(len(self.joints)))[2]
+
+    def inverse_dynamics(self, q, qd, qdd):
+        """Return the slider forces F = M qdd + C + G (..., n) [N] of the motion `q`, `qd`, `qdd` (..., n); (5.1)."""
+        M, C, G = self._terms(q, qd)
+        return np.einsum('...ij,...j->...i', M, self._joints(qdd)) + C + G
+
+    def _terms(self, q, qd):
+        q = self._joints(q)
+        self.forward(q)  # names the joints that are out of reach, where the kernels would give NaN
+        return self.terms_over_axes(q, self._joints(qd), self.dynamic_parameters())
+
+    def _joints(self, q):
+        q = as_series(q)
+        check_last_axis(q, self.joints, f'joint vector of {self.name}')
+        return q
+
+    def _pose(self, x):
+        x = as_series(x)
+        check_last_axis(x, self.coordinates, f'pose of {self.name}')
+        check_finite(value(x), self.coordinates)
+        return x
+
+
+def _constant(values):
+    array = np.array(values)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,135 @@
+"""
+Planar 2-DOF manipulator: sliders d1, d3 on one guide along X carry a T-mechanism; the pose is its point P = (x, y).
+
+The small platform at P is kept from turning by a belt, assumed ideal. Source: thesis ch. 2 (2.4)-(2.12), ch. 7 (7.1)-(7.12).
+"""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from pkm_core import dynamics
+from pkm_core.config import Config, Length
+from pkm_core.jet import stack, value
+from pkm_core.machines.base import (
+    JointConfig,
+    Machine,
+    MachineConfig,
+    NotNegativeLength,
+    PositiveInertia,
+    PositiveLength,
+    PositiveMass,
+)
+from pkm_core.machines.checks import check_between
+from pkm_core.machines.t_mechanism import check_centres, check_travel, heights, margins
+
+
+class PlanarJoints(Config):
+    """Travel of the sliders."""
+
+    d1: JointConfig
+    d3: JointConfig
+
+
+class PlanarGeometry(Config):
+    """Length l2 of links 2 and 4, offset dy of P, centres of mass r2, r4 from the slider pivot."""
+
+    l2: PositiveLength
+    dy: Length
+    r2: NotNegativeLength
+    r4: NotNegativeLength
+
+    @model_validator(mode='after')
+    def _centres_lie_on_links(self):
+        check_centres(self, ('r2', 'r4'), 'l2')
+        return self
+
+
+class PlanarMasses(Config):
+    """Sliders m1, m3; links m2, m4; platform mp."""
+
+    m1: PositiveMass
+    m2: PositiveMass
+    m3: PositiveMass
+    m4: PositiveMass
+    mp: PositiveMass
+
+
+class PlanarInertias(Config):
+    """Links 2 and 4 about their centre of mass."""
+
+    I2: PositiveInertia
+    I4: PositiveInertia
+
+
+class PlanarConfig(MachineConfig):
+    """Nominal design of the planar manipulator."""
+
+    mechanism: Literal['planar']
+    joints: PlanarJoints
+    geometry: PlanarGeometry
+    masses: PlanarMasses
+    inertias: PlanarInertias
+
+    @model_validator(mode='after')
+    def _travel_stays_regular(self):
+        check_travel(self.joints, 'd1', 'd3', self.geometry.l2)
+        return self
+
+
+class Planar(Machine):
+    """See the module; q = [d1, d3], x = [x, y]."""
+
+    Config = PlanarConfig
+    joints = ('d1', 'd3')
+    coordinates = ('x', 'y')
+    parameters = dynamics.PLANAR_PARAMETERS
+    terms = staticmethod(dynamics.planar_terms)
+    terms_over_axes = staticmethod(dynamics.planar_terms_over_axes)
+
+    def forward(self, q):
+        """Return (x1, y1) of (2.5), (2.6) at `q`; see `Machine.forward`."""
+        middle, _, Y1 = self._linkage(q)
+        return stack([middle, Y1 + self.config.geometry.dy])
+
+    def inverse(self, x):
+        """Return (d1, d3) of (2.11), (2.12) at the pose `x`; see `Machine.inverse`."""
+        x = self._pose(x)
+        l2, dy = self.config.geometry.l2, self.config.geometry.dy
+        check_between(value(x)[..., 1:], dy, dy + l2, ('y',), 'reach of links 2 and 4 (2.10)')
+        Y1 = x[..., 1] - dy
+        half_gap = np.sqrt(l2 * l2 - Y1 * Y1)
+        return stack([x[..., 0] - half_gap, x[..., 0] + half_gap])
+
+    def jacobian(self, q):
+        """Return J (..., 2, 2) [m/m] of (3.16); see `Machine.jacobian`."""
+        _, gap, Y1 = self._linkage(q)
+        J = np.full((*Y1.shape, 2, 2), 0.5)
+        J[..., 1, 0] = 0.25 * gap / Y1
+        J[..., 1, 1] = -J[..., 1, 0]
+        return J
+
+    def singularity_margin(self, q):
+        """Return by how much (...,) [m] the gap d3 - d1 may change before (3.27) or (3.29)."""
+        _, gap, _ = self._linkage(q)
+        return margins(gap, self.config.geometry.l2)
+
+    def passive_angles(self, q):
+        """Return {'th2', 'th4'}: directions (...,) [rad] of links 2, 4 from their slider, from +X about +Z; (7.4)."""
+        _, gap, Y1 = self._linkage(q)
+        th2 = np.arctan(2.0 * Y1 / gap)
+        return {'th2': th2, 'th4': np.pi - th2}
+
+    def dynamic_parameters(self):
+        """Return p as `dynamics.PLANAR_PARAMETERS`; see `Machine.dynamic_parameters`."""
+        config = self.config
+        numbers = {**dict(config.geometry), **dict(config.masses), **dict(config.inertias)}
+        return np.array([numbers[name] for name in self.parameters])
+
+    def _linkage(self, q):
+        """Return the middle of the sliders, their gap and the height of their joint, (...,) [m] each."""
+        q = self._joints(q)
+        gap = q[..., 1] - q[..., 0]
+        Y1 = heights(stack([gap]), self.config.geometry.l2, ('d3 - d1',))[..., 0]
+        return 0.5 * (q[..., 0] + q[..., 1]), gap, Y1

@@ -1,0 +1,76 @@
+"""
+Conventional stacked XY stage, the thesis's point of comparison: the pose is q = [x, y]; the X axis carries the Y axis.
+
+Source: Tables 7.4, 7.5.
+"""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from pkm_core import dynamics
+from pkm_core.config import Config
+from pkm_core.machines.base import JointConfig, Machine, MachineConfig, PositiveMass
+
+
+class XyStageJoints(Config):
+    """Travel of the two axes."""
+
+    x: JointConfig
+    y: JointConfig
+
+
+class XyStageMasses(Config):
+    """All that moves with an axis: `mx` holds the whole Y axis."""
+
+    mx: PositiveMass
+    my: PositiveMass
+
+    @model_validator(mode='after')
+    def _x_carries_y(self):
+        if not self.my < self.mx:
+            raise ValueError(f'my {self.my:g} kg; the X axis carries the Y axis: allowed 0 to mx {self.mx:g} kg')
+        return self
+
+
+class XyStageConfig(MachineConfig):
+    """Nominal design of the stage."""
+
+    mechanism: Literal['xy_stage']
+    joints: XyStageJoints
+    masses: XyStageMasses
+
+
+class XyStage(Machine):
+    """See the module; forward and inverse are the identity, so nothing is ever out of reach or singular."""
+
+    Config = XyStageConfig
+    joints = coordinates = ('x', 'y')
+    parameters = dynamics.XY_STAGE_PARAMETERS
+    terms = staticmethod(dynamics.xy_stage_terms)
+    terms_over_axes = staticmethod(dynamics.xy_stage_terms_over_axes)
+
+    def forward(self, q):
+        """Return a copy of `q`; see `Machine.forward`."""
+        return 1.0 * self._joints(q)
+
+    def inverse(self, x):
+        """Return a copy of `x`; see `Machine.inverse`."""
+        return 1.0 * self._pose(x)
+
+    def jacobian(self, q):
+        """Return the identity (..., 2, 2); see `Machine.jacobian`."""
+        return np.broadcast_to(np.eye(2), (*self._joints(q).shape, 2)).copy()
+
+    def singularity_margin(self, q):
+        """Return infinity (...,): there is no singular position."""
+        return np.full(self._joints(q).shape[:-1], np.inf)
+
+    def passive_angles(self, q):
+        """Return {}: every joint has a motor."""
+        return {}
+
+    def dynamic_parameters(self):
+        """Return p as `dynamics.XY_STAGE_PARAMETERS`; see `Machine.dynamic_parameters`."""
+        return np.array([self.config.masses.mx, self.config.masses.my])

@@ -1,0 +1,214 @@
+"""
+The whole physical machine, one servo tick at a time: volts in, encoder counts out.
+
+Signal path: DAC and saturation -> one whole sample of computation delay and zero-order hold -> current loop -> thrust ->
+coupled rigid dynamics with gravity, friction and stops -> flexible modes -> encoder. The parts are in drive.py,
+dynamics.py (belts.py), friction.py, stops.py, flexible.py and encoder.py; plant_tick.py composes them.
+
+The identified gains K_i and viscosities a_i of (7.34), (8.4) come out by an extra mass on each carriage,
+K_i = thrust_per_volt / (M_ii(home) + extra_i), and b_i = a_i (M_ii(home) + extra_i): M_ii holds for one axis moving while
+the others are held. The extra mass stands for what Table 6.1 does not list; it is unexplained (theory notes 6.4).
+"""
+
+import numbers
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pkm_core.assembly import Assembly, assemble
+from pkm_core.drive import phase_currents
+from pkm_core.errors import PkmError
+from pkm_core.noise import CycleNoise
+from pkm_core.plant_build import build
+from pkm_core.plant_tick import REFUSED, advance
+from pkm_core.truth import load_truth
+
+
+@dataclass(frozen=True)
+class PlantTruth:
+    """
+    What is really the case at one instant; for tests, reports and the laser only.
+
+    Attributes
+    ----------
+    time : float
+        Since switching on [s].
+    q, qd : ndarray, shape (n,)
+        What the scales move by, deflections of the modes included [m], [m/s].
+    rigid_q : ndarray, shape (n,)
+        Joint positions of the rigid machine [m].
+    belts, belt_rates : ndarray, shape (2,) or (0,)
+        Rotations psi_p, psi_q of the platforms [rad], [rad/s]; empty where belts are taken as stiff.
+    current : ndarray, shape (n,)
+        Amplitude of the phase currents [A].
+    thrust, friction : ndarray, shape (n,)
+        On the carriages, friction against the motion [N]; means of the last substep.
+    assembly : Assembly
+        The specimen.
+
+    """
+
+    time: float
+    q: np.ndarray
+    qd: np.ndarray
+    rigid_q: np.ndarray
+    belts: np.ndarray
+    belt_rates: np.ndarray
+    current: np.ndarray
+    thrust: np.ndarray
+    friction: np.ndarray
+    assembly: Assembly
+    pitch: float
+
+    @cached_property
+    def pose(self):
+        """The end point (m,) [m, rad] by true joint positions, true links and belts."""
+        return self.assembly.end_point(self.q, self.belts)
+
+    @property
+    def phase_currents(self):
+        """The three phase currents (3, n) [A]."""
+        return phase_currents(self.current, self.rigid_q, self.pitch)
+
+
+class Plant:
+    """
+    One simulated specimen of a machine, at home and at rest until the first tick.
+
+    The encoders read home there; where their marks are off, the joints are off by as much.
+
+    Parameters
+    ----------
+    machine : Machine
+        Its nominal design; the truth is read from config/truth/<machine.name>.yaml.
+    seed : int
+        Same seed, same bits: of the specimen and of every disturbance.
+    environment : str
+        A section of that file, e.g. 'ideal', 'nominal', 'hard'.
+
+    """
+
+    def __init__(self, machine, seed, environment='nominal'):
+        if not isinstance(seed, numbers.Integral) or isinstance(seed, bool) or seed < 0:
+            raise PkmError(f'plant: seed {seed!r} given; expected a whole number from 0')
+        self.machine = machine
+        truth, levels = load_truth(machine, environment)
+        self._pitch = truth.drive.pitch
+        self._assembly = assemble(machine, truth, levels, seed)
+        self._mechanism, self._parameters, self._scratch, self._start = build(machine, truth, levels, self._assembly)
+        self._thrust = self._parameters.newton_per_ampere.copy()
+        self._coulomb = self._parameters.coulomb.copy()
+        directions = [axis.direction for axis in truth.axes.values()]
+        self._noise = CycleNoise(seed, levels, directions, truth.vibration_band, machine.sample_time)
+        self._no_volts = np.zeros(len(machine.joints))
+        self.reset()
+
+    def reset(self):
+        """Return to the state at construction: home, at rest, cycle 0, no fault."""
+        self._state = type(self._start)(*(part.copy() for part in self._start))
+        self._ticks = 0
+        self._fault = None
+        self.start_cycle(0)
+
+    def start_cycle(self, cycle):
+        """Draw what `cycle` (from 0) does not share with others; its noise starts at index 0, the motion goes on."""
+        if not isinstance(cycle, numbers.Integral) or isinstance(cycle, bool) or cycle < 0:
+            raise PkmError(f'plant: cycle {cycle!r} given; expected a whole number from 0')
+        self._noise.start(int(cycle))
+        self._parameters.newton_per_ampere[:] = self._thrust * self._noise.gain
+        self._parameters.coulomb[:] = self._coulomb * self._noise.friction
+        self._index = 0
+
+    def tick(self, volts):
+        """
+        Advance by one sample time and return the new reading.
+
+        Parameters
+        ----------
+        volts : array_like, shape (n,)
+            The answer to the present reading [V]; the drive applies it from the next tick on, saturated.
+
+        Returns
+        -------
+        counts : ndarray of int64, shape (n,)
+
+        Raises
+        ------
+        PkmError
+            If `volts` has another shape or a value that is not finite; nothing has changed then.
+
+        """
+        return self._advance(volts, False)
+
+    def brake(self, ticks):
+        """Yield the reading of each of `ticks` ticks with the motors shorted: the safe stop without any controller."""
+        for _ in range(ticks):
+            yield self._advance(self._no_volts, True)
+
+    @property
+    def counts(self):
+        """The present reading, int64 (n,)."""
+        return self._state.counts.copy()
+
+    @property
+    def fault(self):
+        """What went wrong first since `reset`, as text, or None; the machine goes on all the same."""
+        return self._fault
+
+    @property
+    def truth(self):
+        """The `PlantTruth` of this instant."""
+        s, n = self._state, len(self.machine.joints)
+        return PlantTruth(
+            time=self._ticks * self.machine.sample_time,
+            q=s.joints[0].copy(),
+            qd=s.joints[1].copy(),
+            rigid_q=s.q[:n].copy(),
+            belts=s.q[n:].copy(),
+            belt_rates=s.qd[n:].copy(),
+            current=s.current.copy(),
+            thrust=s.thrust.copy(),
+            friction=s.friction.copy(),
+            assembly=self._assembly,
+            pitch=self._pitch,
+        )
+
+    def _advance(self, volts, shorted):
+        volts = np.ascontiguousarray(volts, dtype=np.float64)
+        if volts.shape != self._no_volts.shape:
+            raise PkmError(f'plant {self.machine.name}: volts of shape {volts.shape} given; expected {self._no_volts.shape}')
+        noise = self._noise
+        row = noise.row(self._index)
+        event = advance(
+            self._state,
+            self._parameters,
+            self._scratch,
+            self._mechanism,
+            volts,
+            noise.encoder,
+            noise.amplifier,
+            noise.floor,
+            row,
+            shorted,
+        )
+        if event == REFUSED:
+            given = dict(zip(self.machine.joints, volts.tolist(), strict=True))
+            raise PkmError(f'plant {self.machine.name}: volts {given} V given; expected finite values')
+        self._index += 1
+        self._ticks += 1
+        if event and self._fault is None:
+            self._fault = self._describe(event - 1)
+        return self._state.counts.copy()
+
+    def _describe(self, contact):
+        below, above, _ = self._parameters.contact[contact]
+        joints, q = self.machine.joints, self._state.q * 1e3
+        when = f'{self._ticks * self.machine.sample_time * 1e3:.1f} ms'
+        if below >= 0 and above >= 0:
+            low, high = joints[int(below)], joints[int(above)]
+            return f'{when}: carriages {low} at {q[int(below)]:.2f} mm and {high} at {q[int(above)]:.2f} mm collided (2.4)'
+        joint = int(max(below, above))
+        lower, upper = self.machine.limits.lower[joint] * 1e3, self.machine.limits.upper[joint] * 1e3
+        end = 'lower' if above >= 0 else 'upper'
+        return f'{when}: {joints[joint]} ran into its {end} stop at {q[joint]:.2f} mm; travel is {lower:.2f} to {upper:.2f} mm'

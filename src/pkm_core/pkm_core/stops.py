@@ -1,0 +1,15 @@
+"""Contacts: stoppers at both ends of a guide and carriages that meet (2.4)."""
+
+from numba import njit
+
+
+@njit(cache=True)
+def contact_force(depth, rate, stiffness, damping):
+    """
+    Return the force [N] that pushes two bodies apart at a penetration `depth` [m] growing at `rate` [m/s].
+
+    Hunt and Crossley (1975): k d (1 + c d'), no jump at first touch and never a pull.
+    """
+    if depth <= 0.0:
+        return 0.0
+    return max(stiffness * depth * (1.0 + damping * rate), 0.0)

@@ -1,0 +1,54 @@
+"""
+`ros2 launch pkm_nodes cell.launch.py machine:=four_dof arrangement:=processes namespace:=pkm`.
+
+The nodes are those of pkm_nodes.graph, as everywhere.
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from pkm_nodes.graph import NodeSpec, cell_nodes
+
+ARGUMENTS = [
+    DeclareLaunchArgument('machine', default_value='four_dof', description='machine of config/machines, or a YAML file'),
+    DeclareLaunchArgument(
+        'arrangement', default_value='composed', choices=['composed', 'processes'], description='one process, or one a node'
+    ),
+    DeclareLaunchArgument('namespace', default_value='pkm', description='where the cell lives in the graph'),
+    DeclareLaunchArgument('seed', default_value='1', description='seed of everything random in the machine'),
+    DeclareLaunchArgument(
+        'environment', default_value='nominal', choices=['ideal', 'nominal', 'hard'], description='how rough the world is'
+    ),
+    DeclareLaunchArgument('folder', default_value='bags', description='folder that takes one bag a cycle'),
+]
+
+
+def _nodes(context):
+    value = {argument.name: LaunchConfiguration(argument.name).perform(context) for argument in ARGUMENTS}
+    settings = {
+        'machine': value['machine'],
+        'seed': int(value['seed']),
+        'environment': value['environment'],
+        'folder': value['folder'],
+    }
+    if value['arrangement'] == 'composed':
+        specs = [NodeSpec('cell', 'cell', settings)]
+    else:
+        specs = cell_nodes(settings.pop('machine'), **settings)
+    return [
+        Node(
+            package='pkm_nodes',
+            executable=spec.executable,
+            # the machine's process has five nodes; a name given here would rename them all
+            name=None if spec.name == spec.executable else spec.name,
+            namespace=value['namespace'],
+            parameters=[{'use_sim_time': True, **spec.parameters}],
+            output='screen',
+        )
+        for spec in specs
+    ]
+
+
+def generate_launch_description():
+    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=_nodes)])

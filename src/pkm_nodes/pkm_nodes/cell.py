@@ -1,0 +1,59 @@
+"""The whole cell in one process: the nodes of graph.py around one machine, in one lock-step executor."""
+
+import sys
+
+from rclpy.parameter import Parameter
+
+from pkm_nodes.graph import cell_nodes
+from pkm_nodes.inverse_kinematics import InverseKinematicsNode
+from pkm_nodes.joint_controller import JointControllerNode
+from pkm_nodes.learning import LearningNode
+from pkm_nodes.machine import MachineNode
+from pkm_nodes.node import PkmNode, run
+from pkm_nodes.recorder import RecorderNode
+from pkm_nodes.state_estimator import StateEstimatorNode
+from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+
+NODES = {
+    'machine': MachineNode,
+    'trajectory_generator': TrajectoryGeneratorNode,
+    'inverse_kinematics': InverseKinematicsNode,
+    'joint_controller': JointControllerNode,
+    'state_estimator': StateEstimatorNode,
+    'learning': LearningNode,
+    'recorder': RecorderNode,
+}
+
+
+class CellNode(PkmNode):
+    """Holds the parameters of the composed cell."""
+
+    def __init__(self, **kwargs):
+        super().__init__('cell', **kwargs)
+        self.specs = cell_nodes(
+            self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'),
+            seed=self.setting('seed', 1, 'seed of everything random in the machine'),
+            environment=self.setting('environment', 'nominal', 'ideal, nominal or hard (config/truth)'),
+            folder=self.setting('folder', 'bags', "folder of the recorder's bags"),
+            record=self.setting('record', True, 'run a recorder, and let the machine wait for it'),
+        )
+        self.check_settings()
+
+
+def make_nodes():
+    """Return all nodes of the cell."""
+    nodes = [CellNode()]
+    use_sim_time = nodes[0].get_parameter('use_sim_time').value
+    for spec in nodes[0].specs:
+        parameters = {'use_sim_time': use_sim_time, **spec.parameters}
+        named = {} if spec.name == spec.executable else {'name': spec.name}
+        node = NODES[spec.executable](
+            parameter_overrides=[Parameter(key, value=value) for key, value in parameters.items()], **named
+        )
+        nodes += [node, *getattr(node, 'motors', [])]
+    return nodes
+
+
+def main(args=None):
+    """Run the composed cell."""
+    sys.exit(run(make_nodes, args))

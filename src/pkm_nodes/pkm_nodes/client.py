@@ -1,0 +1,109 @@
+"""A client of the cell for scripts: waits until it is up, runs a motion, keeps the account of its cycles."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import monotonic
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from pkm_interfaces.action import ExecuteMotion
+from pkm_interfaces.msg import CycleEvent
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+
+from pkm_core.errors import PkmError
+from pkm_nodes.events import subscribe_events
+from pkm_nodes.node import PkmNode
+
+# [s, wall] starting ten processes on a busy two-core machine took 20 s; the rest is reserve
+_UP_TIMEOUT = 90.0
+# [s, wall] from the last tick to the closed bag
+_RECORDED_TIMEOUT = 10.0
+
+
+@dataclass
+class CycleLog:
+    """What the machine and the recorder said about the cycles of one motion."""
+
+    ticks: int = 0
+    seconds_in_cycles: float = 0.0  # wall time between first and last tick, summed over the cycles
+    seconds: float = 0.0  # wall time from the first tick of the first to the last tick of the last cycle
+    bags: list[Path] = field(default_factory=list)
+
+
+class CellClient:
+    """Talks to a running cell; use it in a ``with`` block. It owns rclpy's default context."""
+
+    def __enter__(self):
+        rclpy.init()
+        self._node = PkmNode('pkm_run')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
+        self._log = CycleLog()
+        self._started = self._first = None
+        subscribe_events(self._node, self._on_event)
+        return self
+
+    def __exit__(self, *_):
+        self._client.destroy()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _on_event(self, event):
+        now = monotonic()
+        if event.event == CycleEvent.STARTED:
+            self._started, self._started_tick = now, event.tick
+            self._first = self._first or now
+        elif event.event in (CycleEvent.FINISHED, CycleEvent.FAULT) and self._started is not None:
+            self._log.ticks += event.tick - self._started_tick
+            self._log.seconds_in_cycles += now - self._started
+            self._log.seconds = now - self._first
+            self._started = None
+        elif event.event == CycleEvent.RECORDED:
+            self._log.bags.append(Path(event.message))
+
+    def _spin_until(self, condition, check, timeout, what):
+        """Serve ROS until `condition()`; `check()` may raise at any time."""
+        deadline = monotonic() + timeout
+        while not condition():
+            self._executor.spin_once(timeout_sec=0.1)
+            check()
+            if monotonic() > deadline:
+                raise PkmError(f'{what} within {timeout:.0f} s')
+
+    def wait_until_up(self, check):
+        """Wait for the cell's action server; refuse to share a graph with another cell."""
+        self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
+        namespace = self._node.get_namespace()
+        machines = self._node.get_node_names_and_namespaces().count(('machine', namespace))
+        if machines > 1:
+            raise PkmError(
+                f'{machines} machines run in {namespace}; stop the other cell, or set another ROS_DOMAIN_ID for this one'
+            )
+
+    def execute(self, motion, cycles, law, check, on_feedback):
+        """
+        Run `motion` and return the `CycleLog` once the last bag is closed.
+
+        Raises
+        ------
+        PkmError
+            If the goal ends early; the text is the cell's own.
+
+        """
+        goal = ExecuteMotion.Goal(motion=str(motion), cycles=cycles, controller='robust', learning_law=law)
+        sent = self._client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
+        self._spin_until(sent.done, check, _UP_TIMEOUT, 'the cell did not answer the goal')
+        result = sent.result().get_result_async()
+        self._spin_until(result.done, check, float('inf'), '')
+        answer = result.result()
+        if answer.status != GoalStatus.STATUS_SUCCEEDED:
+            raise PkmError(f'after {answer.result.cycles_completed} of {cycles} cycles: {answer.result.message}')
+        self._spin_until(
+            lambda: len(self._log.bags) >= cycles,
+            check,
+            _RECORDED_TIMEOUT,
+            f'the recorder has not closed all {cycles} bags',
+        )
+        return self._log

@@ -1,0 +1,173 @@
+"""
+Node `joint_controller`: one axis; answers every encoder tick with a command, learns after every cycle.
+
+The law is `RobustController` of pkm_core; the feedforward of the next cycle comes from the learning service. A cycle is
+reported as LOADED when its trajectory and the learned feedforward are both in place.
+"""
+
+import sys
+from array import array
+
+import numpy as np
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
+from pkm_core.control.model import load_model
+from pkm_core.control.robust import RobustController, load_control
+from pkm_core.errors import ConfigError, PkmError
+from pkm_core.machines import load_machine
+from pkm_core.metrics import axis_metrics
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand
+from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
+from pkm_interfaces.srv import UpdateFeedforward
+from pkm_nodes.conversions import trajectory_from_msg
+from pkm_nodes.events import CycleEvents
+from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, run
+
+# [s, wall] how long a cycle waits for the learning service before it goes on with the feedforward it has
+LEARNING_TIMEOUT = 5.0
+
+
+class JointControllerNode(PkmNode):
+    """Encoder and joint_trajectory in, command out; one node a joint."""
+
+    def __init__(self, *, name='joint_controller', **kwargs):
+        super().__init__(name, **kwargs)
+        machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        joint = self.setting('joint', machine.joints[0], f'which joint: one of {list(machine.joints)}')
+        control = self.setting('control', '', 'gains: file of config/control or a YAML file; empty for the machine\'s')
+        self.check_settings()
+        if joint not in machine.joints:
+            raise ConfigError(f'{name}: joint {joint!r}; {machine.name} has {list(machine.joints)}')
+        self._machine, self._joint, self._column = machine, joint, machine.joints.index(joint)
+        self._controller = RobustController(
+            load_control(machine, control or None)[joint],
+            load_model(machine)[joint],
+            machine.sample_time,
+            machine.voltage_limit,
+        )
+        self._trajectory = None  # the message whose cycle is loaded or waits for learning
+        self._loaded = False
+        self._errors = np.zeros(0)
+        self._feedforward = np.zeros(0)
+        self._learned_for = None  # (motion, law, reference) the feedforward belongs to
+        self._iteration = 0
+        self._learning = None  # the call to the learning service under way
+        self._learning_until = 0
+
+        self._command = MotorCommand()
+        self._command_publisher = self.create_publisher(MotorCommand, f'{joint}/command', TICK_QOS)
+        self._metrics_publisher = self.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS)
+        self._events = CycleEvents(self, joint)
+        self._learn = self.create_client(UpdateFeedforward, 'learning/update')
+        self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample)
+        self.create_subscription(SampledTrajectoryMessage, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
+        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._retry = self.create_timer(0.05, self._load_if_possible, clock=self._wall)
+        self._retry.cancel()
+
+    def _on_trajectory(self, message):
+        """Take over the trajectory of the coming cycle, unless it is the one already loaded."""
+        if self._trajectory is not None and self._trajectory.cycle == message.cycle and self._loaded:
+            self._report_loaded()
+            return
+        machine = self._machine
+        try:
+            trajectory = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
+        except PkmError as error:
+            self.get_logger().error(f'joint_trajectory refused: {error}')
+            self._events.publish(CycleEvent.REFUSED, message.cycle, message=str(error))
+            return
+        self._trajectory, self._loaded = message, False
+        self._moves = trajectory.move_starts, trajectory.move_ends
+        self._axis = [
+            np.ascontiguousarray(getattr(trajectory, name)[:, self._column])
+            for name in ('position', 'velocity', 'acceleration', 'jerk')
+        ]
+        self._retry.reset()
+        self._load_if_possible()
+
+    def _load_if_possible(self):
+        """Load the waiting trajectory once the learned feedforward is there and the machine listens."""
+        if self._learning is not None and self._wall.now().nanoseconds > self._learning_until:
+            self.get_logger().error(
+                f'no answer from {self._learn.srv_name} for {LEARNING_TIMEOUT} s; going on with the feedforward I have'
+            )
+            self._learning = None
+        if self._learning is not None or self._command_publisher.get_subscription_count() == 0:
+            return
+        self._retry.cancel()
+        message, samples = self._trajectory, len(self._axis[0])
+        learned_for = (message.motion, message.learning_law, self._axis[0].tobytes())
+        if learned_for != self._learned_for:
+            self._learned_for, self._iteration, self._feedforward = learned_for, 0, np.zeros(samples)
+        self._errors = np.zeros(samples)
+        self._controller.load(*self._axis, self._feedforward)
+        self._loaded = True
+        self._report_loaded()
+
+    def _report_loaded(self):
+        self._events.publish(CycleEvent.LOADED, self._trajectory.cycle, samples=len(self._errors))
+
+    def _on_sample(self, sample):
+        """Answer one encoder tick: the hot path."""
+        if sample.mode != EncoderSample.RUN or not self._loaded or sample.cycle != self._trajectory.cycle:
+            return
+        index = sample.index
+        voltage, error = self._controller.update(index, sample.position)
+        command = self._command
+        command.tick, command.cycle = sample.tick, sample.cycle
+        command.voltage, command.error, command.feedforward = voltage, error, self._feedforward.item(index)
+        self._command_publisher.publish(command)
+        self._errors[index] = error
+        if index + 1 == len(self._errors):
+            self._finish_cycle()
+
+    def _finish_cycle(self):
+        message = self._trajectory
+        self._loaded = False
+        metrics = axis_metrics(self._errors, *self._moves, self._machine.sample_time)
+        self._metrics_publisher.publish(
+            CycleMetrics(
+                cycle=message.cycle,
+                joint=self._joint,
+                max_dynamic_error=metrics.max_dynamic_error,
+                settling_time_5um=metrics.settling_time_5um,
+                settling_time_1um=metrics.settling_time_1um,
+                steady_state_error=metrics.steady_state_error,
+            )
+        )
+        if message.learning_law != 'none':
+            request = UpdateFeedforward.Request(
+                joint=self._joint,
+                law=message.learning_law,
+                motion=message.motion,
+                iteration=self._iteration,
+                sample_time=self._machine.sample_time,
+                error=array('d', self._errors.tobytes()),
+                feedforward=array('d', self._feedforward.tobytes()),
+            )
+            self._learning = self._learn.call_async(request)
+            self._learning_until = self._wall.now().nanoseconds + int(LEARNING_TIMEOUT * 1e9)
+            self._learning.add_done_callback(self._on_learned)
+
+    def _on_learned(self, future):
+        if future is not self._learning:
+            return
+        self._learning = None
+        response = future.result()
+        if not response.success:
+            self.get_logger().error(f'learning refused: {response.message}; going on with the feedforward I have')
+            return
+        self._feedforward = np.array(response.feedforward)
+        self._iteration += 1
+
+
+def make_nodes():
+    """Return this process's node."""
+    return [JointControllerNode()]
+
+
+def main(args=None):
+    """Run the node as a process of its own."""
+    sys.exit(run(make_nodes, args))

@@ -1,0 +1,263 @@
+"""
+Nodes `machine` and `linear_motor_<joint>`: four motors bolted to one simulated mechanism, and the clock of the cell.
+
+The machine is the time base. Tick k carries the encoder samples; it advances when every joint controller has answered
+tick k, and not before. An answer to any other tick is counted and never applied. Between cycles simulated time stands
+still. A missing answer is waited for `answer_timeout` of wall time, then the machine names who is missing, brakes by
+itself and waits for its `reset` service.
+"""
+
+import math
+import sys
+from time import monotonic
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import UInt64
+from std_srvs.srv import Trigger
+
+from pkm_core.machines import load_machine
+from pkm_core.plant import Plant
+from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand
+from pkm_nodes.conversions import time_of_tick
+from pkm_nodes.events import CycleEvents, subscribe_events
+from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, run
+
+# [ticks] /clock goes out at 100 Hz of simulated time: ROS tools need no more, and every node has to take it
+CLOCK_EVERY = 20
+# [ticks] the longest safe stop: 0.2 s is far more than the brakes need from full speed
+BRAKE_TICKS = 400
+
+
+class LinearMotorNode(PkmNode):
+    """One motor with its encoder: dN/command in, dN/encoder out; the mechanism behind it belongs to `MachineNode`."""
+
+    def __init__(self, joint, index, on_command, **kwargs):
+        super().__init__(f'linear_motor_{joint}', **kwargs)
+        self._sample = EncoderSample()
+        self._publisher = self.create_publisher(EncoderSample, f'{joint}/encoder', TICK_QOS)
+        self.on_tick_topic(MotorCommand, f'{joint}/command', lambda command: on_command(index, command))
+
+    def is_heard(self):
+        """Tell whether every reader of the encoder that the graph knows of is connected, and there is one."""
+        return self._publisher.get_subscription_count() >= max(1, self.count_subscribers(self._publisher.topic_name))
+
+    def publish(self, tick, cycle, index, mode, counts, position):
+        """Send one encoder sample; the message object is reused, because this runs every tick."""
+        sample = self._sample
+        sample.tick, sample.cycle, sample.index, sample.mode = tick, cycle, index, mode
+        sample.counts, sample.position = counts, position
+        self._publisher.publish(sample)
+
+
+class MachineNode(PkmNode):
+    """Steps the simulated mechanism in lock-step with the joint controllers and publishes /clock."""
+
+    def __init__(self, **kwargs):
+        super().__init__('machine', **kwargs)
+        machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        seed = self.setting('seed', 1, 'seed of everything random in the machine')
+        environment = self.setting('environment', 'nominal', 'ideal, nominal or hard (config/truth)')
+        self._answer_timeout = self.setting('answer_timeout', 2.0, '[s, wall] wait for the answers of a tick')
+        self._start_timeout = self.setting('start_timeout', 10.0, '[s, wall] wait for the other joints to load a cycle')
+        self._wait_for_recorder = self.setting('wait_for_recorder', False, 'run no further ahead of the recorder than')
+        self._window = self.setting('recorder_window', 400, '[ticks] this, so that no sample can be lost')
+        self.check_settings()
+
+        self._joints = machine.joints
+        self._resolution = machine.encoder_resolution
+        self._sample_time = machine.sample_time
+        self._plant = Plant(machine, seed, environment=environment)
+        self.motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
+
+        self._tick = 0
+        self._cycle = 0
+        self._index = 0
+        self._samples = 0
+        self._running = False
+        self._fault = ''
+        self._volts = [0.0] * len(self._joints)
+        self._missing = set()
+        self._complaints = {}
+        self._stale = dict.fromkeys(self._joints, 0)
+        self._loaded = {}
+        self._loaded_since = 0.0
+        self._recorded_tick = -1  # nothing before the recorder's first word
+        self._held = False
+        self._waiting_since = 0.0
+
+        self._events = CycleEvents(self, 'machine')
+        self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        subscribe_events(self, self._on_event)
+        self.create_subscription(UInt64, 'recorder/tick', self._on_recorder_tick, CYCLE_QOS)
+        self.create_service(Trigger, 'machine/reset', self._on_reset)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(0.05, self._watch, clock=wall)
+        self.create_timer(1.0, self._publish_diagnostics, clock=wall)
+
+    def _on_event(self, event):
+        if event.event != CycleEvent.LOADED or event.source not in self._joints:
+            return
+        if self._fault:
+            reason = f'the machine has stopped: {self._fault}; call the service machine/reset first'
+            self._events.publish(CycleEvent.REFUSED, event.cycle, tick=self._tick, message=reason)
+            return
+        if self._running:
+            return
+        if any(cycle != event.cycle for cycle, _ in self._loaded.values()):
+            self._loaded.clear()
+        if not self._loaded:
+            self._loaded_since = monotonic()
+        self._loaded[event.source] = (event.cycle, event.samples)
+        self._start_if_complete()
+
+    def _start_if_complete(self):
+        """Start the cycle all joints have loaded, once every reader of the encoders is connected."""
+        recorder_missing = self._wait_for_recorder and self._recorded_tick < 0
+        if len(self._loaded) < len(self._joints) or recorder_missing or not all(m.is_heard() for m in self.motors):
+            return
+        lengths = {joint: samples for joint, (_, samples) in self._loaded.items()}
+        cycle = self._loaded[self._joints[0]][0]
+        self._loaded.clear()
+        if len(set(lengths.values())) > 1 or min(lengths.values()) < 1:
+            reason = f'the joints loaded cycles of different lengths: {lengths}; all must be equal and at least 1'
+            self._events.publish(CycleEvent.REFUSED, cycle, tick=self._tick, message=reason)
+            return
+        self._cycle, self._index, self._samples = cycle, 0, lengths[self._joints[0]]
+        self._plant.start_cycle(cycle)
+        self._running = True
+        self._events.publish(CycleEvent.STARTED, cycle, tick=self._tick, samples=self._samples)
+        self._publish_samples(EncoderSample.RUN)
+
+    def _publish_samples(self, mode):
+        """Send the encoder samples of this tick and wait for the answers."""
+        if self._tick % CLOCK_EVERY == 0:
+            self._clock_publisher.publish(ClockMessage(clock=time_of_tick(self._tick, self._sample_time)))
+        self._missing.update(range(len(self._joints)))
+        self._waiting_since = monotonic()
+        for motor, counts in zip(self.motors, self._plant.counts.tolist(), strict=True):
+            motor.publish(self._tick, self._cycle, self._index, mode, counts, counts * self._resolution)
+
+    def _on_command(self, joint, command):
+        if not self._running or command.tick != self._tick or joint not in self._missing:
+            self._stale[self._joints[joint]] += 1
+            return
+        if not math.isfinite(command.voltage):
+            self._complaints[joint] = f'answered with {command.voltage} V; expected a finite voltage'
+            return
+        self._volts[joint] = command.voltage
+        self._missing.discard(joint)
+        if not self._missing:
+            self._advance()
+
+    def _advance(self):
+        """All joints have answered: the mechanism moves on by one tick."""
+        self._plant.tick(self._volts)
+        self._tick += 1
+        self._index += 1
+        self._complaints.clear()
+        if self._plant.fault:
+            self._stop_safely(self._plant.fault)
+        elif self._index == self._samples:
+            self._running = False
+            self._events.publish(CycleEvent.FINISHED, self._cycle, tick=self._tick, samples=self._samples)
+        elif self._wait_for_recorder and self._tick - self._recorded_tick > self._window:
+            self._held = True
+            self._waiting_since = monotonic()
+        else:
+            self._publish_samples(EncoderSample.RUN)
+
+    def _on_recorder_tick(self, message):
+        self._recorded_tick = message.data
+        if self._held and self._tick - self._recorded_tick <= self._window:
+            self._held = False
+            self._publish_samples(EncoderSample.RUN)
+
+    def _watch(self):
+        """Find out, in wall time, whom the cell is waiting for."""
+        waited = monotonic() - self._waiting_since
+        if self._loaded and not self._running:
+            self._start_if_complete()
+        if self._running and waited > self._answer_timeout:
+            where = f'tick {self._tick} (cycle {self._cycle}, sample {self._index})'
+            if self._held:
+                self._stop_safely(
+                    f'{where}: the recorder has not confirmed anything after tick {self._recorded_tick} '
+                    f'for {waited:.1f} s; it may lag by {self._window} ticks'
+                )
+            elif self._missing:
+                missing = ', '.join(
+                    f'joint_controller of {self._joints[i]}'
+                    + (f' ({self._complaints[i]})' if i in self._complaints else '')
+                    for i in sorted(self._missing)
+                )
+                self._stop_safely(f'{where}: no answer for {waited:.1f} s from {missing}')
+        elif self._loaded and monotonic() - self._loaded_since > self._start_timeout:
+            cycle = next(iter(self._loaded.values()))[0]
+            late = [joint for joint in self._joints if joint not in self._loaded]
+            deaf = [j for j, motor in zip(self._joints, self.motors, strict=True) if not motor.is_heard()]
+            self._loaded.clear()
+            reason = f'encoder topics of {deaf} have readers that are not connected after {self._start_timeout} s'
+            if self._wait_for_recorder and self._recorded_tick < 0:
+                reason = f'the recorder has not reported within {self._start_timeout} s; is it running?'
+            if late:
+                reason = f'not loaded within {self._start_timeout} s by joint_controller of {late}'
+            self._events.publish(CycleEvent.REFUSED, cycle, tick=self._tick, message=f'cycle {cycle}: {reason}')
+
+    def _stop_safely(self, reason):
+        """Brake without the controllers, keep publishing what the encoders see, and wait for a reset."""
+        self._fault = reason
+        self.get_logger().error(f'safe stop: {reason}')
+        if not self._missing:  # the samples of this tick have not gone out yet
+            self._publish_samples(EncoderSample.SAFE_STOP)
+        for _ in self._plant.brake(BRAKE_TICKS):
+            self._tick += 1
+            self._publish_samples(EncoderSample.SAFE_STOP)
+        self._running = self._held = False
+        self._missing.clear()
+        self._complaints.clear()
+        self._events.publish(CycleEvent.FAULT, self._cycle, tick=self._tick, samples=self._index, message=reason)
+
+    def _on_reset(self, _, response):
+        if self._running:
+            response.message = f'cycle {self._cycle} is running; a reset is for a machine that stands'
+            return response
+        self._plant.reset()
+        self._loaded.clear()
+        response.success = True
+        response.message = f'at home; cleared: {self._fault}' if self._fault else 'at home; there was no fault'
+        self._fault = ''
+        self._events.publish(CycleEvent.RESET, self._cycle, tick=self._tick)
+        return response
+
+    def _publish_diagnostics(self):
+        state = 'fault: ' + self._fault if self._fault else 'cycle running' if self._running else 'standing'
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.ERROR if self._fault else DiagnosticStatus.OK,
+            name=self.get_fully_qualified_name(),
+            message=state,
+            values=[
+                KeyValue(key='tick', value=str(self._tick)),
+                KeyValue(key='cycle', value=str(self._cycle)),
+                *(KeyValue(key=f'stale commands {j}', value=str(count)) for j, count in self._stale.items()),
+            ],
+        )
+        stamp = time_of_tick(self._tick, self._sample_time)
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = stamp
+        self._diagnostics.publish(message)
+
+
+def make_nodes():
+    """Return the machine and its motors: one process, because they share one mechanism."""
+    machine = MachineNode()
+    return [machine, *machine.motors]
+
+
+def main(args=None):
+    """Run the machine as a process of its own."""
+    sys.exit(run(make_nodes, args))

@@ -1,0 +1,78 @@
+"""What every node of the cell shares: its namespace, checked parameters, quality of service, and how it is run."""
+
+import sys
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from pkm_core.errors import ConfigError, PkmError
+from pkm_nodes.lockstep import HotGroup, spin
+
+
+def reliable(depth):
+    """Return the profile of the cell's topics: nothing is lost, nothing old is sent to a late reader."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
+# The servo tick: deep enough for a recorder that lags by the machine's largest recorder_window.
+TICK_QOS = reliable(1000)
+# Trajectories and events of a cycle.
+CYCLE_QOS = reliable(100)
+
+
+class PkmNode(Node):
+    """A node in /pkm (remap __ns to move it) that refuses parameters it does not know."""
+
+    # `-p name:=value` on a command line reaches every node of its process, also those that do not declare `name`
+    _known_in_process = {'use_sim_time', 'start_type_description_service'}
+
+    def __init__(self, name, **kwargs):
+        super().__init__(name, **{'namespace': 'pkm', **kwargs})
+        self.hot_group = HotGroup()
+
+    def setting(self, name, default, description):
+        """Declare the read-only parameter `name` and return its value; the type of `default` is binding."""
+        self._known_in_process.add(name)
+        return self.declare_parameter(name, default, ParameterDescriptor(description=description, read_only=True)).value
+
+    def check_settings(self):
+        """Refuse parameters that were given but never declared; rclpy passes over a misspelt name without a word."""
+        given = set(self._parameter_overrides)  # rclpy has no public way to ask what was given
+        unknown = sorted(name for name in given - self._known_in_process if not name.startswith('qos_overrides.'))
+        if unknown:
+            known = sorted(self._parameters)
+            raise ConfigError(f'{self.get_fully_qualified_name()} has unknown parameter(s) {unknown}; known: {known}')
+
+    def on_tick_topic(self, message_type, topic, callback, *, raw=False):
+        """Subscribe to a topic of the servo tick: served by the lock-step wait set, before everything else."""
+        return self.create_subscription(
+            message_type, topic, callback, TICK_QOS, callback_group=self.hot_group, raw=raw
+        )
+
+
+def run(make_nodes, args=None):
+    """
+    Run the nodes `make_nodes()` returns until interrupted; return the process's exit code.
+
+    A configuration or parameter that is refused ends the process with one line and code 1.
+    """
+    rclpy.init(args=args)
+    try:
+        spin(make_nodes())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (PkmError, ParameterException) as error:
+        print(error, file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+    return 0

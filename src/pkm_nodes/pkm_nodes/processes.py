@@ -1,0 +1,78 @@
+"""The processes of a cell: started from graph.py, watched, and stopped by their ids."""
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+from time import monotonic, sleep
+
+from ament_index_python.packages import get_package_prefix
+
+from pkm_core.errors import PkmError
+from pkm_nodes.graph import NodeSpec, cell_nodes
+
+# [s, wall] from the polite signal to the other one
+_PATIENCE = 10.0
+
+
+class CellProcesses:
+    """
+    A cell in processes of its own; use it in a ``with`` block.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of config/machines or a file.
+    arrangement : str
+        'composed': one process; 'processes': one a node.
+    seed, environment
+        Of the simulated machine.
+    folder : Path
+        Gets the bags in ``bags/`` and what the processes print in ``log/``.
+
+    """
+
+    def __init__(self, machine, arrangement, *, seed, environment, folder):
+        bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
+        self._logs.mkdir(parents=True, exist_ok=True)
+        if arrangement == 'composed':
+            own = {'machine': machine, 'seed': seed, 'environment': environment, 'folder': str(bags)}
+            self._specs = [NodeSpec('cell', 'cell', own)]
+        else:
+            self._specs = cell_nodes(machine, seed=seed, environment=environment, folder=bags)
+        self.processes = {}
+
+    def __enter__(self):
+        executables = Path(get_package_prefix('pkm_nodes')) / 'lib' / 'pkm_nodes'
+        for spec in self._specs:
+            with (self._logs / f'{spec.name}.log').open('w') as log:
+                self.processes[spec.name] = subprocess.Popen(
+                    [executables / spec.executable, *spec.arguments({'use_sim_time': True})],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    # a Ctrl-C in the terminal is for the one who leads; the cell is stopped in order afterwards
+                    start_new_session=True,
+                )
+        return self
+
+    def __exit__(self, *_):
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        deadline = monotonic() + _PATIENCE
+        for process in self.processes.values():
+            while process.poll() is None and monotonic() < deadline:
+                sleep(0.02)
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+
+    def check(self):
+        """Raise `PkmError` with the last lines it printed if a process has ended."""
+        for name, process in self.processes.items():
+            code = process.poll()
+            if code is not None:
+                log = self._logs / f'{name}.log'
+                tail = '\n'.join(log.read_text(errors='replace').splitlines()[-5:])
+                raise PkmError(f'{name} has ended with code {code}; {log} ends:\n{tail}')

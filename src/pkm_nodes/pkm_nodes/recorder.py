@@ -1,0 +1,252 @@
+"""
+Node `recorder`: one MCAP bag per motion cycle, every sample accounted for.
+
+Messages are taken raw, as the serialized bytes DDS delivers, and sorted into cycles by the tick, cycle or stamp they
+begin with. On recorder/tick it reports how far it has come, first when it is connected to every joint: a machine told to
+wait for it neither starts too early nor runs out of its queue. A bag is closed when everything its cycle must hold has
+arrived, then checked and announced with a RECORDED event.
+"""
+
+import json
+import sys
+from datetime import datetime
+from struct import unpack_from
+from time import monotonic
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import UInt64
+
+from pkm_core.bags import BagWriter, writable_folder
+from pkm_core.errors import BagError
+from pkm_core.machines import load_machine
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand
+from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
+from pkm_nodes.conversions import nanoseconds_of_tick
+from pkm_nodes.events import CycleEvents
+from pkm_nodes.node import CYCLE_QOS, PkmNode, run
+from pkm_nodes.state_estimator import POSE_EVERY
+
+# [messages] how often progress is reported while ticks flow
+_REPORT_EVERY = 256
+# [s, wall] how long a cycle that has ended may wait for the last of its messages
+_STRAGGLERS = 2.0
+_TYPES = {
+    EncoderSample: 'pkm_interfaces/msg/EncoderSample',
+    MotorCommand: 'pkm_interfaces/msg/MotorCommand',
+    CycleMetrics: 'pkm_interfaces/msg/CycleMetrics',
+    CycleEvent: 'pkm_interfaces/msg/CycleEvent',
+    SampledTrajectoryMessage: 'pkm_interfaces/msg/SampledTrajectory',
+    PoseStamped: 'geometry_msgs/msg/PoseStamped',
+    JointState: 'sensor_msgs/msg/JointState',
+}
+
+
+class _Cycle:
+    """The recording of one cycle; messages wait until its first tick and its motion are known."""
+
+    def __init__(self, number):
+        self.number = number
+        self.motion = None
+        self.waiting = []  # (topic, data, tick or None for before the start)
+        self.bag = None
+        self.first_tick = self.last_tick = None
+        self.expected = {}  # messages by topic, known once the cycle has ended
+        self.ended = None  # wall time
+
+    def is_complete(self):
+        return self.ended is not None and all(self.bag.counts[t] >= count for t, count in self.expected.items())
+
+
+class RecorderNode(PkmNode):
+    """Writes the cycles of a cell into `folder`."""
+
+    def __init__(self, **kwargs):
+        super().__init__('recorder', **kwargs)
+        machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        self._folder = writable_folder(self.setting('folder', 'bags', 'folder that takes one bag a cycle'))
+        self.check_settings()
+        self._sample_time = machine.sample_time
+        self._cycles = {}
+        self._broken = False
+        self._hot_messages = 0
+        self._topics = {}
+        self._ticks = {}  # last tick by topic of the servo tick
+        self._tick_subscriptions = []
+        for joint in machine.joints:
+            self._record_tick_topic(EncoderSample, f'{joint}/encoder')
+            self._record_tick_topic(MotorCommand, f'{joint}/command')
+            self._record(CycleMetrics, f'{joint}/cycle_metrics', self._by_cycle)
+        self._record(SampledTrajectoryMessage, 'pose_trajectory', self._on_trajectory)
+        self._record(SampledTrajectoryMessage, 'joint_trajectory', self._on_trajectory)
+        self._record(PoseStamped, 'pose', self._by_stamp)
+        self._record(JointState, 'joint_states', self._by_stamp)
+        self._record(CycleEvent, 'cycle_events', self._on_event)
+        self._progress = self.create_publisher(UInt64, 'recorder/tick', CYCLE_QOS)
+        self._events = CycleEvents(self, 'recorder')
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(0.1, self._close_late, clock=wall)
+        self._announcer = self.create_timer(0.2, self._announce, clock=wall)
+        self._connected = 0
+
+    def _record_tick_topic(self, message_type, name):
+        topic = self.resolve_topic_name(name)
+        self._topics[topic], self._ticks[topic] = _TYPES[message_type], -1
+        subscription = self.on_tick_topic(message_type, name, lambda data: self._on_tick(topic, data), raw=True)
+        self._tick_subscriptions.append(subscription)
+
+    def _record(self, message_type, name, callback):
+        topic = self.resolve_topic_name(name)
+        self._topics[topic] = _TYPES[message_type]
+        self.create_subscription(message_type, name, lambda data: callback(topic, data), CYCLE_QOS, raw=True)
+        return topic
+
+    def _on_tick(self, topic, data):
+        """Take an EncoderSample or MotorCommand: tick and cycle are the first fields after the 4-byte CDR header."""
+        tick, number = unpack_from('<QI', data, 4)
+        cycle = self._cycle(number)
+        if cycle.first_tick is None:
+            cycle.first_tick = tick
+        cycle.last_tick = tick
+        self._put(cycle, topic, data, tick)
+        self._ticks[topic] = tick
+        self._hot_messages += 1
+        if self._hot_messages % _REPORT_EVERY == 0:
+            self._report_progress()
+
+    def _announce(self):
+        """Report once at rest that every joint's topics are connected, and again when one of them has come back."""
+        before = self._connected
+        self._connected = sum(s.get_publisher_count() > 0 for s in self._tick_subscriptions)
+        if before == self._connected == len(self._tick_subscriptions):
+            self._report_progress()
+            self._announcer.timer_period_ns = 1_000_000_000
+
+    def _report_progress(self):
+        self._progress.publish(UInt64(data=max(0, min(self._ticks.values()))))
+
+    def _by_cycle(self, topic, data):
+        """Take a message that begins with its cycle's number."""
+        cycle = self._cycle(unpack_from('<I', data, 4)[0])
+        self._put(cycle, topic, data, cycle.last_tick)
+
+    def _by_stamp(self, topic, data):
+        """Take a message that begins with a stamp, which is the time of its tick."""
+        seconds, nanoseconds = unpack_from('<iI', data, 4)
+        tick = round((seconds * 1_000_000_000 + nanoseconds) / nanoseconds_of_tick(1, self._sample_time))
+        for cycle in reversed(self._cycles.values()):
+            if cycle.first_tick is None or tick >= cycle.first_tick:
+                self._put(cycle, topic, data, tick)
+                return
+
+    def _on_trajectory(self, topic, data):
+        trajectory = deserialize_message(data, SampledTrajectoryMessage)
+        cycle = self._cycle(trajectory.cycle)
+        if cycle.bag is None:
+            # sent again every second until the cycle starts; the last one counts
+            cycle.waiting = [entry for entry in cycle.waiting if entry[0] != topic]
+            cycle.motion = trajectory.motion
+            self._put(cycle, topic, data, None)
+
+    def _on_event(self, topic, data):
+        event = deserialize_message(data, CycleEvent)
+        if event.event in (CycleEvent.RECORDED, CycleEvent.RESET):
+            return
+        cycle = self._cycle(event.cycle)
+        if event.event == CycleEvent.STARTED:
+            cycle.first_tick = event.tick
+        self._put(cycle, topic, data, event.tick or cycle.last_tick)
+        if event.event in (CycleEvent.FINISHED, CycleEvent.FAULT) and cycle.first_tick is not None:
+            cycle.expected = self._expected(cycle, event)
+            cycle.ended = monotonic()
+            self._report_progress()
+            self._flush(cycle)
+
+    def _expected(self, cycle, event):
+        """Return how many messages of each topic this cycle must have, from the machine's own account of it."""
+        ticks = event.tick - cycle.first_tick + (event.event == CycleEvent.FAULT)
+        states = sum(tick % POSE_EVERY == 0 for tick in range(cycle.first_tick, cycle.first_tick + ticks))
+        finished = event.event == CycleEvent.FINISHED
+        per_topic = {
+            _TYPES[EncoderSample]: ticks,
+            _TYPES[MotorCommand]: event.samples,
+            _TYPES[CycleMetrics]: int(finished),
+            _TYPES[PoseStamped]: states,
+            _TYPES[JointState]: states,
+        }
+        return {topic: per_topic[kind] for topic, kind in self._topics.items() if kind in per_topic}
+
+    def _cycle(self, number):
+        """Return the recording of cycle `number`; an older one that never started is given up."""
+        if number not in self._cycles:
+            self._cycles = {n: cycle for n, cycle in self._cycles.items() if cycle.bag is not None}
+            self._cycles[number] = _Cycle(number)
+        return self._cycles[number]
+
+    def _put(self, cycle, topic, data, tick):
+        cycle.waiting.append((topic, data, tick))
+        if cycle.first_tick is not None and (cycle.motion is not None or cycle.ended is not None):
+            self._flush(cycle)
+
+    def _flush(self, cycle):
+        """Write what waits; close the bag if that was all."""
+        if self._broken:
+            cycle.waiting.clear()
+            return
+        try:
+            if cycle.bag is None:
+                cycle.bag = self._open(cycle)
+            for topic, data, tick in cycle.waiting:
+                time = cycle.first_tick if tick is None else tick
+                cycle.bag.write(topic, data, nanoseconds_of_tick(time, self._sample_time))
+            cycle.waiting.clear()
+            if cycle.is_complete():
+                self._close(self._cycles.pop(cycle.number))
+        except (OSError, BagError) as error:
+            self._broken = True
+            self.get_logger().error(f'recording has stopped: {self._folder}: {error}')
+
+    def _open(self, cycle):
+        motion = cycle.motion or 'motion'
+        metadata = {'motion': motion, 'cycle': str(cycle.number), 'sample_time': repr(self._sample_time)}
+        name = f'{motion}_{cycle.number:04d}_{datetime.now():%Y%m%dT%H%M%S}'
+        return BagWriter(self._folder / name, self._topics, metadata)
+
+    def _close_late(self):
+        """Close a cycle whose stragglers have not come; what is missing is said."""
+        for number, cycle in list(self._cycles.items()):
+            if cycle.bag is not None and cycle.ended is not None and monotonic() - cycle.ended > _STRAGGLERS:
+                self._close(self._cycles.pop(number))
+
+    def _close(self, cycle):
+        lost = {
+            topic: f'{cycle.bag.counts[topic]} of {count}'
+            for topic, count in cycle.expected.items()
+            if cycle.bag.counts[topic] < count
+        }
+        if lost:
+            self.get_logger().error(f'cycle {cycle.number}: messages missing in {cycle.bag.path}: {lost}')
+        cycle.bag.close({'expected': json.dumps(cycle.expected)})
+        path, total = str(cycle.bag.path.resolve()), cycle.bag.counts.total()
+        self._events.publish(CycleEvent.RECORDED, cycle.number, tick=cycle.last_tick, samples=total, message=path)
+
+    def destroy_node(self):
+        """Close whatever is open, so that a cell that is stopped in the middle leaves whole bags."""
+        for cycle in self._cycles.values():
+            if cycle.bag is not None:
+                self._close(cycle)
+        self._cycles.clear()
+        super().destroy_node()
+
+
+def make_nodes():
+    """Return this process's node."""
+    return [RecorderNode()]
+
+
+def main(args=None):
+    """Run the node as a process of its own."""
+    sys.exit(run(make_nodes, args))

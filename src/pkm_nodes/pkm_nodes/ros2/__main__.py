@@ -1,0 +1,62 @@
+"""`ros2` for a machine without ROS: the verbs used on this cell, with the arguments and output of ros2cli (Jazzy)."""
+
+import argparse
+import importlib
+import os
+import signal
+import sys
+
+from pkm_nodes.ros2.shared import add_commands
+
+COMMANDS = {  # each is a module of this package with add_arguments(parser)
+    'action': 'Various action related sub-commands',
+    'bag': 'Various rosbag related sub-commands',
+    'node': 'Various node related sub-commands',
+    'param': 'Various param related sub-commands',
+    'run': 'Run a package specific executable',
+    'service': 'Various service related sub-commands',
+    'topic': 'Various topic related sub-commands',
+}
+
+
+def make_parser(argv):
+    """Return the parser with the arguments of the command that argv selects; the other commands are not imported."""
+    parser = argparse.ArgumentParser(
+        prog='ros2',
+        description='The part of the ros2 command-line tool that this project uses.',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        '--use-python-default-buffering',
+        action='store_true',
+        help='Do not force line buffering in stdout and instead use the python default buffering',
+    )
+    parsers = add_commands(parser, COMMANDS)
+    selected = next((arg for arg in argv if not arg.startswith('-')), None)
+    if selected in COMMANDS:
+        importlib.import_module(f'pkm_nodes.ros2.{selected}').add_arguments(parsers[selected])
+    return parser
+
+
+def main(argv):
+    """Run one command line; return its exit status, or the text of the error that ended it."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(int(signal.SIGTERM)))  # so that a goal is still cancelled
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    if sys.prefix not in prefixes:  # nobody sources a setup file here
+        os.environ['AMENT_PREFIX_PATH'] = os.pathsep.join(filter(None, [*prefixes, sys.prefix]))
+    try:
+        args = make_parser(argv).parse_args(argv)
+        if not args.use_python_default_buffering:
+            sys.stdout.reconfigure(line_buffering=True)
+        return args.main(args)
+    except KeyboardInterrupt:
+        return int(signal.SIGINT)
+    except BrokenPipeError:  # the reader, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (RuntimeError, OSError) as error:
+        return str(error)
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1:]))

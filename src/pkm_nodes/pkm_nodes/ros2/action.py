@@ -1,0 +1,75 @@
+"""`ros2 action send_goal`."""
+
+import sys
+
+from pkm_nodes.ros2.messages import make_message, message_to_yaml, parse_yaml
+from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, find_interface, ros_node, spin_until_done
+
+
+def add_arguments(parser):
+    """Add the verbs of `ros2 action`."""
+    verb = add_commands(parser, {'send_goal': 'Send an action goal'})['send_goal']
+    verb.set_defaults(main=send_goal)
+    verb.add_argument('action_name', help="Name of the ROS action (e.g. '/fibonacci')")
+    verb.add_argument('action_type', help="Type of the ROS action (e.g. 'example_interfaces/action/Fibonacci')")
+    values = verb.add_mutually_exclusive_group()
+    values.add_argument(
+        'goal', nargs='?', default='{}', help="Goal request values in YAML format (e.g. '{order: 10}')"
+    )
+    values.add_argument('--stdin', action='store_true', help='Read goal from standard input')
+    verb.add_argument('-f', '--feedback', action='store_true', help='Echo feedback messages for the goal')
+
+
+def send_goal(args):
+    """Send a goal and print what becomes of it; cancel it when the command is ended early."""
+    from rclpy.action import ActionClient
+
+    action = find_interface(args.action_type, 'action')
+    values = parse_yaml(sys.stdin.read() if args.stdin else args.goal)
+    try:
+        goal = make_message(action.Goal, values)
+    except Exception as error:  # whatever a converter says of a value; it is the user's to mend
+        return f'Failed to populate message fields: {error!r}'
+    with ros_node(f'{NODE_PREFIX}_send_goal_{args.action_type.replace("/", "_")}') as node:
+        client = ActionClient(node, action, args.action_name)
+        print('Waiting for an action server to become available...')
+        if not client.wait_for_server(FIND_TIMEOUT):
+            return f"No action server '{args.action_name}' of type '{args.action_type}' within {FIND_TIMEOUT} s"
+        print(f'Sending goal:\n     {message_to_yaml(goal)}')
+        pending = client.send_goal_async(goal, _print_feedback if args.feedback else None)
+        try:
+            return _follow(node, pending)
+        except BaseException:  # Ctrl-C, SIGTERM, a closed pipe: never leave the machine at work for nobody
+            _cancel(node, pending)
+            raise
+
+
+def _print_feedback(msg):
+    print(f'Feedback:\n    {message_to_yaml(msg.feedback)}')
+
+
+def _follow(node, pending):
+    """Print the answer to the goal and its result."""
+    from action_msgs.msg import GoalStatus
+
+    handle = spin_until_done(node, pending)
+    if not handle.accepted:
+        print('Goal was rejected.')
+        return
+    print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n')
+    answer = spin_until_done(node, handle.get_result_async())
+    names = {value: name for name, value in vars(GoalStatus).items() if name.startswith('STATUS_')}
+    print(f'Result:\n    {message_to_yaml(answer.result)}')
+    print(f'Goal finished with status: {names.get(answer.status, "UNKNOWN").removeprefix("STATUS_")}')
+
+
+def _cancel(node, pending):
+    """Cancel the goal, also one whose acceptance is still on its way."""
+    handle = spin_until_done(node, pending)
+    if not handle.accepted:
+        return
+    cancelling = handle.cancel_goal_async()
+    print('Canceling goal...')
+    if not spin_until_done(node, cancelling).goals_canceling:
+        raise RuntimeError('Failed to cancel goal')
+    print('Goal canceled.')

@@ -1,0 +1,197 @@
+"""`ros2 bag info`."""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+
+from pkm_nodes.ros2.shared import add_commands
+
+SERVICE_TOPIC = '/_service_event'  # the end of the topic on which a service's calls are recorded
+SERVICE_TYPE = '_Event'  # the end of its type
+
+
+@dataclass
+class Topic:
+    """One topic of a bag."""
+
+    name: str
+    type: str
+    count: int
+    encoding: str
+
+    @property
+    def is_service(self):
+        """Whether it holds the calls of a service."""
+        return self.name.endswith(SERVICE_TOPIC) and self.type.endswith(SERVICE_TYPE) and '/srv/' in self.type
+
+
+@dataclass
+class Bag:
+    """What a bag says of itself."""
+
+    files: list[str]
+    size: int  # [bytes]
+    storage: str
+    distro: str
+    start: int  # [ns] since 1970
+    duration: int  # [ns]
+    messages: int
+    topics: list[Topic]
+
+
+def add_arguments(parser):
+    """Add the verbs of `ros2 bag`."""
+    verb = add_commands(parser, {'info': 'Print information about a bag to the screen'})['info']
+    verb.set_defaults(main=info)
+    verb.add_argument('bag_path', type=_existing, help='Bag to open')
+    verb.add_argument(
+        '-s', '--storage', choices=['mcap', 'sqlite3'], help='For compatibility; the storage is always detected.'
+    )
+    verb.add_argument('-t', '--topic-name', action='store_true', help='Only display topic names.')
+
+
+def _existing(path):
+    if not Path(path).exists():
+        raise argparse.ArgumentTypeError(f"Bag path '{path}' does not exist!")
+    return Path(path)
+
+
+def info(args):
+    """Print what a bag folder or an MCAP file holds."""
+    path = args.bag_path
+    if (path / 'metadata.yaml').exists():
+        bag = read_folder(path)
+    elif path.is_dir():
+        return f'Could not find metadata in bag directory {path}'
+    else:
+        bag = read_mcap(path)
+    if args.topic_name:
+        for topic in bag.topics:
+            if not topic.is_service:
+                print(topic.name)
+    else:
+        print(describe(bag))
+    return None
+
+
+def read_folder(path):
+    """Return the Bag of a rosbag2 folder, from its metadata.yaml."""
+    try:
+        about = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+        return Bag(
+            files=about['relative_file_paths'],
+            size=sum(file.stat().st_size for file in path.iterdir() if file.is_file()),
+            storage=about['storage_identifier'],
+            distro=about.get('ros_distro', ''),
+            start=about['starting_time']['nanoseconds_since_epoch'],
+            duration=about['duration']['nanoseconds'],
+            messages=about['message_count'],
+            topics=[
+                Topic(meta['name'], meta['type'], entry['message_count'], meta['serialization_format'])
+                for entry in about['topics_with_message_count']
+                for meta in [entry['topic_metadata']]
+            ],
+        )
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+        raise RuntimeError(f'Exception on parsing info file: {error!r}') from error
+
+
+def read_mcap(path):
+    """Return the Bag of an MCAP file, from its summary or, where a killed recorder left none, from its messages."""
+    with path.open('rb') as stream:
+        try:
+            reader = make_reader(stream)
+            summary = reader.get_summary()
+            stats, schemas, channels = summary.statistics, summary.schemas, summary.channels
+            start, end, counts = stats.message_start_time, stats.message_end_time, stats.channel_message_counts
+            distros = [record.metadata.get('ROS_DISTRO', '') for record in reader.iter_metadata()]
+        except (McapError, AttributeError):  # cut off, or without statistics
+            schemas, channels, counts, start, end = _scan(path, stream)
+            distros = []
+    return Bag(
+        files=[str(path)],
+        size=path.stat().st_size,
+        storage='mcap',
+        distro=next(filter(None, distros), ''),
+        start=start,
+        duration=end - start,
+        messages=sum(counts.values()),
+        topics=[
+            Topic(channel.topic, schemas[channel.schema_id].name, counts.get(key, 0), channel.message_encoding)
+            for key, channel in sorted(channels.items())
+        ],
+    )
+
+
+def _scan(path, stream):
+    """Return schemas, channels, message counts, first and last time [ns] of what is whole in an MCAP file."""
+    schemas, channels, counts, times = {}, {}, Counter(), []
+    stream.seek(0)
+    try:
+        for record in StreamReader(stream).records:
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                counts[record.channel_id] += 1
+                times = [min(record.log_time, *times), max(record.log_time, *times)] if times else [record.log_time] * 2
+    except McapError as error:
+        if not counts:
+            raise RuntimeError(f'No plugin detected that could open file {path} ({type(error).__name__})') from error
+    print(f'{path} has no summary, as when its recorder was killed; counted its whole messages', file=sys.stderr)
+    return schemas, channels, counts, *(times or (0, 0))
+
+
+def describe(bag):
+    """Return the text that `ros2 bag info` prints."""
+    topics, services = [], []
+    for topic in bag.topics:
+        kind, count = ('Service', 'Event Count') if topic.is_service else ('Topic', 'Count')
+        (services if topic.is_service else topics).append(
+            f'{kind}: {topic.name.removesuffix(SERVICE_TOPIC)} | Type: {topic.type.removesuffix(SERVICE_TYPE)} | '
+            f'{count}: {topic.count} | Serialization Format: {topic.encoding}'
+        )
+    calls = sum(topic.count for topic in bag.topics if topic.is_service)
+    return (
+        f'\nFiles:             {_below(bag.files, 19)}\n'
+        f'Bag size:          {_size(bag.size)}\n'
+        f'Storage id:        {bag.storage}\n'
+        f'ROS Distro:        {bag.distro or "unknown"}\n'
+        f'Duration:          {_seconds(bag.duration)}s\n'
+        f'Start:             {_date(bag.start)}\n'
+        f'End:               {_date(bag.start + bag.duration)}\n'
+        f'Messages:          {bag.messages - calls}\n'
+        f'Topic information: {_below(topics, 19)}\n'
+        f'Service:           {len(services)}\n'
+        f'Service information: {_below(services, 21)}'
+    ) + ('\n' if services else '')
+
+
+def _below(lines, column):
+    return f'\n{" " * column}'.join(lines)
+
+
+def _size(size):
+    for unit in 'B', 'KiB', 'MiB', 'GiB', 'TiB':
+        if size < 1024 or unit == 'TiB':
+            return f'{size:.{0 if unit == "B" else 1}f} {unit}'
+        size /= 1024
+
+
+def _seconds(nanoseconds):
+    return f'{nanoseconds // 10**9}.{nanoseconds % 10**9:09d}'
+
+
+def _date(nanoseconds):
+    day, clock = time.strftime('%b %e %Y|%H:%M:%S', time.localtime(nanoseconds // 10**9)).split('|')
+    return f'{day} {clock}.{nanoseconds % 10**9:09d} ({_seconds(nanoseconds)})'

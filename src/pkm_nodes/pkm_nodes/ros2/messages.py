@@ -1,0 +1,122 @@
+"""Messages to YAML and CSV and back, in the form of ros2cli; the package that does it there is not on PyPI."""
+
+import array
+import sys
+
+import numpy as np
+import yaml
+from rosidl_parser.definition import AbstractNestedType, AbstractWString, Array, BoundedSequence, NamespacedType
+
+from pkm_nodes.ros2.shared import find_interface
+
+
+def parse_yaml(text):
+    """Return the value of a YAML text of the command line."""
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise RuntimeError(f'Not valid YAML: {" ".join(str(error).split())}') from error
+
+
+class _Dumper(yaml.Dumper):
+    """Writes bytes as text, one character a byte."""
+
+
+_Dumper.add_representer(bytes, lambda dumper, data: dumper.represent_str(data.decode('latin-1')))
+
+
+def message_to_yaml(msg, flow_style=False, **options):
+    """Return msg as YAML text; the options are those of plain_value."""
+    return yaml.dump(
+        plain_value(msg, **options),
+        Dumper=_Dumper,
+        allow_unicode=True,
+        width=sys.maxsize,
+        default_flow_style=flow_style,
+        sort_keys=False,
+    )
+
+
+def message_to_csv(msg, **options):
+    """Return all numbers and strings of msg, separated by commas; the options are those of plain_value."""
+    return ','.join(map(str, _leaves(plain_value(msg, **options))))
+
+
+def _leaves(value):
+    """Yield what nested dictionaries and lists hold."""
+    if isinstance(value, (dict, list)):
+        for inner in value.values() if isinstance(value, dict) else value:
+            yield from _leaves(inner)
+    else:
+        yield value
+
+
+def plain_value(value, truncate_length=None, no_arr=False, no_str=False, slot_type=None):
+    """
+    Return a message or the value of a field as dictionaries, lists, numbers and strings.
+
+    Parameters
+    ----------
+    value : message or field of one
+    truncate_length : int, optional
+        Longest array, string or byte string; the rest becomes '...'.
+    no_arr, no_str : bool
+        Name type and length of arrays or strings instead of their content.
+    slot_type : rosidl_parser definition, optional
+        Type of the field; None within an array.
+
+    """
+    options = dict(truncate_length=truncate_length, no_arr=no_arr, no_str=no_str)
+    if hasattr(value, 'SLOT_TYPES'):
+        return {
+            name: plain_value(getattr(value, name), slot_type=slot_type, **options)
+            for name, slot_type in zip(value.get_fields_and_field_types(), value.SLOT_TYPES, strict=True)
+        }
+    if no_str and isinstance(value, str):
+        return f'<string length: <{len(value)}>>'
+    if isinstance(value, (str, bytes)):
+        kept = value[:truncate_length]
+        return kept if len(kept) == len(value) else kept + ('...' if isinstance(value, str) else b'...')
+    if isinstance(value, (list, array.array, np.ndarray)):
+        if no_arr and slot_type is not None:
+            return _array_summary(slot_type, len(value))
+        kept = [plain_value(item, **options) for item in value[:truncate_length]]
+        return kept if len(kept) == len(value) else [*kept, '...']
+    return value.item() if isinstance(value, np.number) else value
+
+
+def _array_summary(slot_type, length):
+    item = slot_type.value_type
+    if isinstance(item, NamespacedType):
+        name = '/'.join(item.namespaced_name())
+    else:
+        name = getattr(item, 'typename', 'wstring' if isinstance(item, AbstractWString) else 'string')
+    if isinstance(slot_type, Array):
+        return f'<array type: {name}[{slot_type.size}]>'
+    bound = f'[{slot_type.maximum_size}]' if isinstance(slot_type, BoundedSequence) else ''
+    return f'<sequence type: {name}{bound}, length: {length}>'
+
+
+def make_message(message_class, values):
+    """Return a message with the fields of the dictionary values; what does not fit its type is refused."""
+    if not isinstance(values, dict):
+        raise TypeError(f"Value '{values}' is expected to be a dictionary but is a {type(values).__name__}")
+    msg = message_class(check_fields=True)
+    slot_types = dict(zip(msg.get_fields_and_field_types(), msg.SLOT_TYPES, strict=True))
+    for name, value in values.items():
+        setattr(msg, name, _field_value(getattr(msg, name), value, slot_types[name]))
+    return msg
+
+
+def _field_value(default, value, slot_type):
+    """Return value as the type of a field that now holds default."""
+    if hasattr(default, 'SLOT_TYPES'):
+        return make_message(type(default), value)
+    if isinstance(default, array.array):
+        return array.array(default.typecode, value)
+    if isinstance(default, np.ndarray):
+        return np.array(value, dtype=default.dtype)
+    if isinstance(slot_type, AbstractNestedType) and isinstance(slot_type.value_type, NamespacedType):
+        item_class = find_interface('/'.join(slot_type.value_type.namespaced_name()), 'msg')
+        return [make_message(item_class, item) for item in value]
+    return value if type(value) is type(default) else type(default)(value)

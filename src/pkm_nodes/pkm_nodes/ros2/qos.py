@@ -1,0 +1,76 @@
+"""Quality of service of a subscription: what the command line asks for, or what fits the publishers."""
+
+from rclpy.duration import Duration
+from rclpy.qos import (
+    QoSDurabilityPolicy,
+    QoSHistoryPolicy,
+    QoSLivelinessPolicy,
+    QoSPresetProfiles,
+    QoSReliabilityPolicy,
+)
+
+POLICIES = {
+    'history': QoSHistoryPolicy,
+    'reliability': QoSReliabilityPolicy,
+    'durability': QoSDurabilityPolicy,
+    'liveliness': QoSLivelinessPolicy,
+}
+STRONG_AND_WEAK = {  # a subscription with the weak policy connects to every publisher
+    'reliability': (QoSReliabilityPolicy.RELIABLE, QoSReliabilityPolicy.BEST_EFFORT),
+    'durability': (QoSDurabilityPolicy.TRANSIENT_LOCAL, QoSDurabilityPolicy.VOLATILE),
+}
+
+
+def add_qos_arguments(parser):
+    """Add the --qos-* arguments of a subscription."""
+    parser.add_argument(
+        '--qos-profile',
+        choices=QoSPresetProfiles.short_keys(),
+        default='sensor_data',
+        help='Quality of service preset profile to subscribe with (default: sensor_data)',
+    )
+    parser.add_argument(
+        '--qos-depth', metavar='N', type=int, help='Queue size (overrides depth value of --qos-profile option)'
+    )
+    for name, policy in POLICIES.items():
+        default = ', default: what fits the running publishers' if name in STRONG_AND_WEAK else ''
+        parser.add_argument(
+            f'--qos-{name}',
+            choices=policy.short_keys(),
+            help=f'Quality of service {name} setting (overrides {name} value of --qos-profile option{default})',
+        )
+    parser.add_argument(
+        '--qos-liveliness-lease-duration-seconds',
+        type=float,
+        help='Quality of service liveliness lease duration setting to subscribe with',
+    )
+
+
+def choose_qos(node, topic_name, args):
+    """Return the profile of the --qos-* arguments or, without any beyond --qos-profile, one for all publishers."""
+    profile = QoSPresetProfiles.get_from_short_key(args.qos_profile)
+    asked = {name: getattr(args, f'qos_{name}') for name in POLICIES if getattr(args, f'qos_{name}') is not None}
+    lease, depth = args.qos_liveliness_lease_duration_seconds, args.qos_depth
+    if not asked and lease is None and depth is None:
+        return _match_publishers(profile, node.get_publishers_info_by_topic(topic_name))
+    for name, key in asked.items():
+        setattr(profile, name, POLICIES[name].get_from_short_key(key))
+    if lease is not None:
+        profile.liveliness_lease_duration = Duration(seconds=lease)
+    if depth is not None:
+        profile.depth = depth
+    return profile
+
+
+def _match_publishers(profile, publishers):
+    """Take the strong policy where all publishers offer it; it would shut out a publisher that does not."""
+    for name, (strong, weak) in STRONG_AND_WEAK.items() if publishers else ():
+        offered = [getattr(publisher.qos_profile, name) == strong for publisher in publishers]
+        setattr(profile, name, strong if all(offered) else weak)
+        if any(offered) and not all(offered):
+            policy = type(strong).__name__
+            print(
+                f'Some, but not all, publishers are offering {policy}.{strong.name}. '
+                f'Falling back to {policy}.{weak.name} as it will connect to all publishers'
+            )
+    return profile

@@ -1,0 +1,127 @@
+"""`pkm run`: start a cell, drive a motion for some learning cycles, and report what the bags say."""
+
+import json
+import os
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from pkm_core.bags import writable_folder
+from pkm_core.config import find_config, hash_files
+from pkm_core.errors import PkmError
+from pkm_core.learning import LAWS
+from pkm_core.machines import load_machine
+from pkm_core.motions import default_motion, load_motion, plan
+from pkm_core.records import read_cycle
+from pkm_core.report import cycle_figures, cycles_table, messages, plot_cycles
+from pkm_core.trajectory import to_joints
+
+
+class Arrangement(StrEnum):
+    """How the nodes are spread over processes."""
+
+    composed = 'composed'
+    processes = 'processes'
+
+
+def run(
+    machine: Annotated[str, typer.Option(help='Machine of config/machines, or a YAML file.')] = 'four_dof',
+    motion: Annotated[str, typer.Option(help="Motion of config/motions, or a YAML file; '' is the machine's own.")] = '',
+    cycles: Annotated[int, typer.Option(min=1, help='Learning cycles.')] = 12,
+    law: Annotated[str, typer.Option(help=f'Learning law: none, {", ".join(LAWS)}.')] = 'fourier_pid',
+    seed: Annotated[int, typer.Option(min=0, help='Seed of everything random in the machine.')] = 1,
+    environment: Annotated[str, typer.Option(help='ideal, nominal or hard (config/truth).')] = 'nominal',
+    arrangement: Annotated[Arrangement, typer.Option(help='One process, or one a node.')] = Arrangement.composed,
+    out: Annotated[Path | None, typer.Option(help='Folder for results; a new one in runs/ by default.')] = None,
+    json_file: Annotated[Path | None, typer.Option('--json', help='Also write the results to this file.')] = None,
+):
+    """
+    Drive a motion for some learning cycles on the real ROS 2 graph.
+
+    Writes one MCAP bag a cycle, results.json and learning.png into --out, and prints first against last cycle.
+
+    Example: `pkm run --cycles 12 --law fourier_pid --arrangement processes`
+    """
+    console = Console()
+    model = load_machine(machine)
+    motion = motion or default_motion(model)
+    to_joints(model, plan(model, load_motion(motion)))  # a motion that cannot be driven starts no process
+    if law not in ('none', *LAWS):
+        raise PkmError(f"--law: {law!r} is unknown; known: {['none', *LAWS]}")
+    out = writable_folder(out or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{model.name}')
+    if (out / 'results.json').exists():
+        raise PkmError(f'--out: {out} holds the results of another run; name an empty folder')
+
+    log = _drive(console, machine, motion, cycles, law, seed, environment, arrangement.value, out)
+    records = [read_cycle(path) for path in log.bags]
+    results = {
+        'machine': model.name,
+        'motion': Path(motion).stem,
+        'law': law,
+        'seed': seed,
+        'environment': environment,
+        'arrangement': arrangement.value,
+        'config_hash': _config_hash(model, machine, motion, law),
+        'sample_time_s': model.sample_time,
+        'ticks': log.ticks,
+        'ticks_per_second': log.ticks / log.seconds,
+        'ticks_per_second_in_cycles': log.ticks / log.seconds_in_cycles,
+        'messages': messages(records),
+        'cycles': [{'cycle': r.cycle, 'bag': r.path.name, 'axes': cycle_figures(r)} for r in records],
+    }
+    text = json.dumps(results, indent=2)
+    for path in filter(None, (out / 'results.json', json_file)):
+        path.write_text(text + '\n', encoding='utf-8')
+    plot_cycles(records, out / 'learning.png')
+    console.print(cycles_table(model.name, records))
+    _print_account(console, results, out)
+
+
+def _drive(console, machine, motion, cycles, law, seed, environment, arrangement, out):
+    """Run the cell and return its `CycleLog`."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    from pkm_nodes.client import CellClient
+    from pkm_nodes.processes import CellProcesses
+
+    progress = Progress(
+        TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+    )
+    with (
+        progress,
+        CellProcesses(machine, arrangement, seed=seed, environment=environment, folder=out) as cell,
+        CellClient() as client,
+    ):
+        task = progress.add_task('starting the cell', total=cycles)
+        client.wait_until_up(cell.check)
+        progress.update(task, description=f'{Path(motion).stem}, law {law}')
+
+        def on_feedback(feedback):
+            worst = max(feedback.max_dynamic_error) * 1e6
+            progress.update(
+                task, completed=feedback.cycle, description=f'{Path(motion).stem}, law {law}: worst axis {worst:5.1f} um'
+            )
+
+        return client.execute(motion, cycles, law, cell.check, on_feedback)
+
+
+def _config_hash(model, machine, motion, law):
+    kinds = [('machines', machine), ('motions', motion), ('control', model.name), ('model', model.name)]
+    if law != 'none':
+        kinds.append(('learning', law))
+    return hash_files([find_config(kind, name) for kind, name in kinds])
+
+
+def _print_account(console, results, out):
+    counted = [entry for entry in results['messages'].values() if entry['expected'] is not None]
+    recorded, expected = (sum(entry[key] for entry in counted) for key in ('recorded', 'expected'))
+    console.print(
+        f'{results["ticks"]} ticks in {len(results["cycles"])} cycles, {results["ticks_per_second_in_cycles"]:.0f} ticks/s '
+        f'while moving, {results["ticks_per_second"]:.0f} ticks/s with the pauses for learning ({results["arrangement"]})'
+    )
+    console.print(f'{recorded} messages recorded of {expected} expected: {expected - recorded} lost')
+    console.print(f'bags, results.json and learning.png are in {out}', soft_wrap=True)

@@ -1,0 +1,187 @@
+"""
+Node `trajectory_generator`: the action execute_motion in, one pose_trajectory a cycle out.
+
+It leads a motion through its cycles: publish the trajectory, wait until the machine has run it, go on. A trajectory is
+sent again every second until the machine starts the cycle, so it does not matter which node came up last.
+"""
+
+import sys
+from math import inf, nan
+from pathlib import Path
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.task import Future
+
+from pkm_core.errors import PkmError, TrajectoryError
+from pkm_core.learning import LAWS
+from pkm_core.machines import load_machine
+from pkm_core.motions import load_motion, poses_motion
+from pkm_core.trajectory import plan, to_joints
+from pkm_interfaces.action import ExecuteMotion
+from pkm_interfaces.msg import CycleEvent, CycleMetrics
+from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
+from pkm_nodes.conversions import trajectory_to_msg
+from pkm_nodes.events import subscribe_events
+from pkm_nodes.node import CYCLE_QOS, PkmNode, run
+
+
+class TrajectoryGeneratorNode(PkmNode):
+    """Action server of the cell: plans a motion and leads it through its cycles."""
+
+    def __init__(self, **kwargs):
+        super().__init__('trajectory_generator', **kwargs)
+        self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        self._start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')
+        self._metrics_timeout = self.setting('metrics_timeout', 2.0, '[s, wall] from the last tick to the metrics')
+        self.check_settings()
+        self._cycle = 0
+        self._goal = None  # what is running, in words
+        self._outcome = None  # Future of the running cycle: None or the reason why it ended
+        self._pending = None  # message to send again
+        self._deadline = inf
+        self._metrics = {}
+        self._all_metrics = None  # Future: the metrics of all joints are here
+        self._publisher = self.create_publisher(SampledTrajectoryMessage, 'pose_trajectory', CYCLE_QOS)
+        for joint in self._machine.joints:
+            self.create_subscription(CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
+        subscribe_events(self, self._on_event)
+        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._send_again, clock=self._wall)
+        self._server = ActionServer(
+            self, ExecuteMotion, 'execute_motion', self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
+        )
+
+    async def _execute(self, goal_handle):
+        """Run one goal; a refused one is aborted at once, because only a result can say why."""
+        result = ExecuteMotion.Result()
+        try:
+            self._refuse_second_goal(goal_handle.request)
+            trajectory, name = self._plan(goal_handle.request)
+        except PkmError as error:
+            self.get_logger().error(f'goal refused: {error}')
+            result.message = str(error)
+            goal_handle.abort()
+            return result
+        cycles = goal_handle.request.cycles
+        law = goal_handle.request.learning_law or 'none'
+        try:
+            for number in range(1, cycles + 1):
+                self._goal = f'motion {name!r}, cycle {number} of {cycles}'
+                result.message = await self._run_cycle(trajectory, name, law)
+                if result.message:
+                    self.get_logger().error(f'{self._goal}: {result.message}')
+                    goal_handle.abort()
+                    return result
+                result.cycles_completed = number
+                await self._publish_feedback(goal_handle, number)
+                if goal_handle.is_cancel_requested and number < cycles:
+                    result.message = f'cancelled after cycle {number} of {cycles}; the machine stands at home'
+                    goal_handle.canceled()
+                    return result
+            goal_handle.succeed()
+            return result
+        finally:
+            self._goal = None
+
+    def _refuse_second_goal(self, request):
+        if self._goal is not None:
+            raise TrajectoryError(
+                f'goal {request.motion or "poses"!r}: {self._goal} is running; wait for its end or cancel it'
+            )
+
+    def _plan(self, request):
+        """Return pose trajectory and name of a goal that can be run as a whole."""
+        if not request.cycles:
+            raise TrajectoryError('goal: cycles is 0; expected at least 1')
+        if request.controller not in ('', 'robust'):
+            raise TrajectoryError(f"goal: controller {request.controller!r}; known: ['robust']")
+        if request.learning_law not in ('', 'none', *LAWS):
+            raise TrajectoryError(f'goal: learning_law {request.learning_law!r}; known: {["none", *LAWS]}')
+        if bool(request.motion) == bool(request.poses):
+            raise TrajectoryError(
+                f'goal: motion {request.motion!r} and {len(request.poses)} poses; give the one or the other'
+            )
+        machine = self._machine
+        if request.motion:
+            motion, name = load_motion(request.motion), Path(request.motion).stem
+        else:
+            poses = [[getattr(pose, name) for name in machine.coordinates] for pose in request.poses]
+            motion, name = poses_motion(machine, poses, request.move_time or None), 'poses'
+        trajectory = plan(machine, motion)
+        to_joints(machine, trajectory)  # refuses here what inverse_kinematics would refuse after the goal was taken
+        return trajectory, name
+
+    def _run_cycle(self, trajectory, name, law):
+        """Send the trajectory of the next cycle; the returned future gives '' when it has run, or why it has not."""
+        self._cycle += 1
+        self._metrics, self._all_metrics = {}, Future()
+        self._outcome = Future()
+        self._deadline = self._seconds() + self._start_timeout
+        self._pending = trajectory_to_msg(trajectory, cycle=self._cycle, motion=name, learning_law=law)
+        self._publisher.publish(self._pending)
+        return self._outcome
+
+    def _send_again(self):
+        now = self._seconds()
+        if self._pending is not None and now > self._deadline:
+            heard = self.count_subscribers(self._publisher.topic_name)
+            self._end_cycle(
+                f'cycle {self._cycle} did not start within {self._start_timeout} s; {heard} node(s) listen to '
+                f'{self._publisher.topic_name}: are inverse_kinematics, joint_controllers and machine running?'
+            )
+        elif self._pending is not None:
+            self._publisher.publish(self._pending)
+        elif self._all_metrics is not None and not self._all_metrics.done() and now > self._deadline:
+            self._all_metrics.set_result(None)
+
+    def _on_event(self, event):
+        # a foreign cycle number is another generator's
+        if event.cycle != self._cycle or self._outcome is None:
+            self._cycle = max(self._cycle, event.cycle) if self._goal is None else self._cycle
+            return
+        if event.event == CycleEvent.STARTED:
+            self._pending = None
+            self._deadline = inf
+        elif event.event == CycleEvent.FINISHED:
+            self._deadline = self._seconds() + self._metrics_timeout
+            self._end_cycle('')
+        elif event.event in (CycleEvent.REFUSED, CycleEvent.FAULT):
+            self._end_cycle(f'{event.source}: {event.message}')
+
+    def _end_cycle(self, reason):
+        self._pending = None
+        if self._outcome is not None and not self._outcome.done():
+            self._outcome.set_result(reason)
+
+    def _on_metrics(self, metrics):
+        if metrics.cycle != self._cycle or self._all_metrics is None:
+            return
+        self._metrics[metrics.joint] = metrics.max_dynamic_error
+        if len(self._metrics) == len(self._machine.joints) and not self._all_metrics.done():
+            self._all_metrics.set_result(None)
+
+    async def _publish_feedback(self, goal_handle, cycle):
+        await self._all_metrics
+        joints = self._machine.joints
+        goal_handle.publish_feedback(
+            ExecuteMotion.Feedback(
+                cycle=cycle,
+                joints=list(joints),
+                max_dynamic_error=[self._metrics.get(joint, nan) for joint in joints],
+            )
+        )
+
+    def _seconds(self):
+        return self._wall.now().nanoseconds * 1e-9
+
+
+def make_nodes():
+    """Return this process's node."""
+    return [TrajectoryGeneratorNode()]
+
+
+def main(args=None):
+    """Run the node as a process of its own."""
+    sys.exit(run(make_nodes, args))

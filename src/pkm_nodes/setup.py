@@ -1,0 +1,35 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NODES = [
+    'trajectory_generator',
+    'inverse_kinematics',
+    'joint_controller',
+    'machine',
+    'state_estimator',
+    'learning',
+    'recorder',
+    'cell',
+]
+
+setup(
+    name='pkm_nodes',
+    version='0.1.0',
+    description='The rclpy nodes of the parallel-manipulator cell: thin shells on pkm_core.',
+    packages=find_packages(),
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/pkm_nodes']),
+        ('share/pkm_nodes', ['package.xml']),
+        ('share/pkm_nodes/launch', glob('launch/*.launch.py')),
+    ],
+    zip_safe=True,
+    maintainer='PKM cell maintainers',
+    maintainer_email='maintainers@pkm-cell.org',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [f'{node} = pkm_nodes.{node}:main' for node in NODES],
+        # verbs that need ROS; pkm_core.cli adds every verb it finds in this group
+        'pkm.verbs': ['run = pkm_nodes.run:run'],
+    },
+)
