@@ -51,7 +51,7 @@ def test_product_follows_leibniz():
     [
         (np.sqrt(X) * np.sqrt(X), X),
         (np.sin(X) * np.sin(X) + np.cos(X) * np.cos(X), 1.0 + 0.0 * X),
-        ((X / np.cos(X)) * np.cos(X), X),
+        ((X / (2.0 + np.cos(X))) * (2.0 + np.cos(X)), X),
         (np.arctan(np.sin(0.5 * X) / np.cos(0.5 * X)), 0.5 * X),
         (-(2.0 - X) + 2.0, X),
     ],
@@ -73,8 +73,8 @@ def test_nested_formula_agrees_with_differences():
         (-p[0] + 16 * p[1] - 30 * p[2] + 16 * p[3] - p[4]) / (12 * h**2),
         (-p[0] + 2 * p[1] - 2 * p[3] + p[4]) / (2 * h**3),
     )
-    # the jerk difference is the worst: truncation of order h^2, rounding of 1e-16 / h^3
-    assert_derivatives(formula(X), *differences, tolerance=1e-5)
+    # the jerk difference is the worst: truncation 0.25 h^2 times a fifth derivative of up to 100
+    assert_derivatives(formula(X), *differences, tolerance=1e-4)
 
 
 def test_arrays_and_jets_mix_and_broadcast():

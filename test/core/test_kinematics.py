@@ -58,7 +58,7 @@ def test_xy_stage_pose_is_its_axes():
 @settings(deadline=None, max_examples=300)
 @given(data=st.data())
 def test_inverse_undoes_forward_anywhere_in_travel(machine, data):
-    limits = zip(machine.limits.lower, machine.limits.upper)
+    limits = zip(machine.limits.lower, machine.limits.upper, strict=True)
     q = np.array([data.draw(st.floats(lower, upper)) for lower, upper in limits])
     x = machine.forward(q)
     q_again = machine.inverse(x)
@@ -122,7 +122,7 @@ def test_jets_keep_motion_through_inverse_and_back(machine):
     rng = np.random.default_rng(2)
     motion = (q, *(scale * rng.standard_normal(q.shape) for scale in (0.2, 10.0, 1000.0)))
     again = machine.inverse(machine.forward(Jet.from_derivatives(*motion))).derivatives()
-    for came, wanted, scale in zip(again, motion, (0.1, 0.2, 10.0, 1000.0)):
+    for came, wanted, scale in zip(again, motion, (0.1, 0.2, 10.0, 1000.0), strict=True):
         # there and back through a Jacobian of condition up to 60
         np.testing.assert_allclose(came, wanted, rtol=0, atol=1e-11 * scale)
 
@@ -136,9 +136,10 @@ def test_jets_of_inverse_agree_with_differences_along_a_motion():
     derivatives = (0.5 * (x0 + x1), 0.5 * (x1 - x0) * swing, 0.0, -0.5 * (x1 - x0) * swing**3)
     _, velocity, acceleration, jerk = FOUR_DOF.inverse(Jet.from_derivatives(*derivatives)).derivatives()
     # truncation of order h^4 (velocity, acceleration) and h^2 (jerk) at 3 Hz
-    np.testing.assert_allclose(velocity, (q[0] - 8 * q[1] + 8 * q[3] - q[4]) / (12 * h), rtol=1e-5)
-    np.testing.assert_allclose(acceleration, (-q[0] + 16 * q[1] - 30 * q[2] + 16 * q[3] - q[4]) / (12 * h**2), rtol=1e-4)
-    np.testing.assert_allclose(jerk, (-q[0] + 2 * q[1] - 2 * q[3] + q[4]) / (2 * h**3), rtol=1e-2)
+    a, b, c, d, e = q
+    np.testing.assert_allclose(velocity, (a - 8 * b + 8 * d - e) / (12 * h), rtol=1e-5)
+    np.testing.assert_allclose(acceleration, (-a + 16 * b - 30 * c + 16 * d - e) / (12 * h**2), rtol=1e-4)
+    np.testing.assert_allclose(jerk, (-a + 2 * b - 2 * d + e) / (2 * h**3), rtol=1e-2)
 
 
 def test_links_drawn_at_their_passive_angles_meet():
@@ -251,5 +252,5 @@ def test_check_joints_refuses_nan_and_wrong_length():
 def test_check_pose_refuses_pose_beyond_the_travel():
     x = FOUR_DOF.forward([0.0795, 0.1395, 0.1605, 0.0795])
     FOUR_DOF.inverse(x)  # the links reach it
-    with pytest.raises(WorkspaceError, match='d5 = 160.5 mm; allowed 119.5 to 159.5 mm'):
+    with pytest.raises(WorkspaceError, match=r'd5 = 160\.5 mm; allowed 119\.5 to 159\.5 mm'):
         FOUR_DOF.check_pose(x)

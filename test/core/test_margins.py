@@ -9,7 +9,7 @@ from pkm_core.control.robust import load_control
 from pkm_core.machines import load_machine
 
 TS = 0.5e-3
-DESIGNED = {  # gain margin [dB], phase margin [deg], Smax, crossover [Hz], slowest pole: from the search, on its own code
+DESIGNED = {  # gain margin [dB], phase margin [deg], Smax, crossover [Hz], slowest pole: from the search's own code
     ('four_dof', 'd1'): (9.362, 44.993, 1.7050, 59.81, 0.9769785),
     ('four_dof', 'd3'): (9.102, 45.014, 1.6955, 54.57, 0.9720361),
     ('four_dof', 'd5'): (9.486, 45.064, 1.6803, 56.99, 0.9781999),

@@ -51,7 +51,8 @@ def test_update_equals_the_law_written_with_scipy_filters():
     kv, ka, kj = feedforward_gains(GAINS, MODEL, TS)
     feedforward = kv * velocity + ka * acceleration + kj * jerk + learned
     np.testing.assert_array_equal(error, position - measured)
-    np.testing.assert_allclose(voltage, reference_voltage(GAINS, position - measured, feedforward), rtol=1e-9, atol=1e-9)
+    expected = reference_voltage(GAINS, position - measured, feedforward)
+    np.testing.assert_allclose(voltage, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_slider_behind_its_reference_is_pushed_forward():

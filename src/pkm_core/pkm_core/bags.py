@@ -4,8 +4,6 @@ Motion cycles as rosbag2 folders: one MCAP file and a metadata.yaml each, writte
 Chunks are 64 KiB, so a recorder that is killed loses little; messages are stamped with the simulated time of their tick.
 """
 
-import os
-import sys
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -18,6 +16,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.highlevel.anyreader import AnyReaderError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from pkm_core.config import install_prefixes
 from pkm_core.errors import BagError
 
 _CHUNK_BYTES = 64 * 1024
@@ -39,14 +38,13 @@ _QOS = {
 def typestore():
     """Return the message types of ROS 2 Jazzy and pkm_interfaces."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
-    for prefix in filter(None, prefixes):
-        folder = Path(prefix, 'share', 'pkm_interfaces', 'msg')
+    for prefix in install_prefixes():
+        folder = prefix / 'share' / 'pkm_interfaces' / 'msg'
         if folder.is_dir():
             for path in sorted(folder.glob('*.msg')):
                 store.register(get_types_from_msg(path.read_text(encoding='utf-8'), f'pkm_interfaces/msg/{path.stem}'))
             return store
-    raise BagError(f'pkm_interfaces is not built in any of {prefixes}; run bringup_scripts/setup')
+    raise BagError(f'pkm_interfaces is not built in any of {[str(p) for p in install_prefixes()]}; run bringup_scripts/setup')
 
 
 class BagWriter:
@@ -162,6 +160,15 @@ class _NoAliases(yaml.SafeDumper):
 
 def _dump(data):
     return yaml.dump(data, Dumper=_NoAliases, sort_keys=False)
+
+
+def read_metadata(path):
+    """Return what metadata.yaml says of the bag folder `path`."""
+    file = Path(path) / 'metadata.yaml'
+    try:
+        return yaml.safe_load(file.read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise BagError(f'{file}: cannot be read as the metadata of a bag: {error}') from None
 
 
 def read_topics(path, topics):

@@ -148,17 +148,22 @@ def load_config(path, model: type[Config]) -> Any:
     return parse_config(read_yaml(path), model, where=str(path))
 
 
+def install_prefixes() -> list[Path]:
+    """Return where packages may be installed: every prefix a sourced ROS workspace names, and this Python's own."""
+    return [*map(Path, filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))), Path(sys.prefix)]
+
+
 def config_folder() -> Path:
     """Return the folder of configuration files: $PKM_CONFIG, else the source tree's, else the installed one."""
     named = os.environ.get('PKM_CONFIG')
     if named:
         return Path(named)
     beside = Path(__file__).resolve().parents[1] / 'config'
-    prefixes = [Path(p) for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p] + [Path(sys.prefix)]
-    for folder in [beside, *(prefix / 'share' / 'pkm_core' / 'config' for prefix in prefixes)]:
+    candidates = [beside, *(prefix / 'share' / 'pkm_core' / 'config' for prefix in install_prefixes())]
+    for folder in candidates:
         if folder.is_dir():
             return folder
-    raise ConfigError(f'no config folder at {beside} or in share/pkm_core of {prefixes}; set PKM_CONFIG')
+    raise ConfigError(f'no config folder among {[str(folder) for folder in candidates]}; set PKM_CONFIG')
 
 
 def find_config(kind, name_or_path) -> Path:

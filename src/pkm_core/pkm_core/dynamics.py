@@ -1,15 +1,15 @@
 """
 Rigid-body dynamics M(q) qdd + C(q, qd) + G(q) = F of the machines, compiled; SI, F > 0 pushes a slider in its +d sense.
 
-One kernel a mechanism, all with the signature ``terms(q, qd, p, M, C, G)``: it overwrites the preallocated M (n, n) [kg],
-C (n,) and G (n,) [N]. The parameter vector p (float64) holds the numbers named in NAME_PARAMETERS, in that order.
+One kernel a mechanism, all with the signature ``terms(q, qd, p, M, C, G)``: it overwrites the preallocated M (n, n)
+[kg] and C, G (n,) [N]. The parameter vector p (float64) holds the numbers named in NAME_PARAMETERS, in that order.
 Links are rigid, belts ideal, joints free of friction: those live in the plant. Gravity points along -z.
 Source: thesis ch. 5 and 7; formulation with constant link inertias and bias accelerations (theory notes 5.2, 5.4).
 """
 
 import math
 
-from numba import guvectorize, njit
+from numba import njit
 
 GRAVITY = 9.81  # m/s^2, as in the thesis's ch. 5
 
@@ -157,8 +157,26 @@ def four_dof_terms(q, qd, p, M, C, G):
             M[j, i] = M[i, j]
 
 
-# the same kernels over leading axes: M, C, G = terms_over_axes(q, qd, p), broadcast as NumPy's own functions
-_over_axes = guvectorize(['(f8[:], f8[:], f8[:], f8[:, :], f8[:], f8[:])'], '(n),(n),(m)->(n,n),(n),(n)', cache=True)
-planar_terms_over_axes = _over_axes(planar_terms.py_func)
-xy_stage_terms_over_axes = _over_axes(xy_stage_terms.py_func)
-four_dof_terms_over_axes = _over_axes(four_dof_terms.py_func)
+# The kernels over histories q, qd (T, n) into M (T, n, n), C, G (T, n). Written out: numba caches neither a loop that takes
+# its kernel as an argument nor, without crashing on the next start (numba 0.68), a guvectorize.
+
+
+@njit(cache=True)
+def planar_rows(q, qd, p, M, C, G):
+    """Call `planar_terms` for every row."""
+    for i in range(q.shape[0]):
+        planar_terms(q[i], qd[i], p, M[i], C[i], G[i])
+
+
+@njit(cache=True)
+def xy_stage_rows(q, qd, p, M, C, G):
+    """Call `xy_stage_terms` for every row."""
+    for i in range(q.shape[0]):
+        xy_stage_terms(q[i], qd[i], p, M[i], C[i], G[i])
+
+
+@njit(cache=True)
+def four_dof_rows(q, qd, p, M, C, G):
+    """Call `four_dof_terms` for every row."""
+    for i in range(q.shape[0]):
+        four_dof_terms(q[i], qd[i], p, M[i], C[i], G[i])

@@ -31,11 +31,12 @@ class Jet(NDArrayOperatorsMixin):
     @classmethod
     def from_derivatives(cls, position, velocity, acceleration, jerk):
         """Return the Jet of a motion; shapes are broadcast."""
-        return cls(*(np.asarray(d) / f for d, f in zip((position, velocity, acceleration, jerk), _FACTORIALS)))
+        motion = (position, velocity, acceleration, jerk)
+        return cls(*(np.asarray(d) / f for d, f in zip(motion, _FACTORIALS, strict=True)))
 
     def derivatives(self):
         """Return (position, velocity, acceleration, jerk), each with the shape of the Jet."""
-        return tuple(c * f for c, f in zip(self.coefficients, _FACTORIALS))
+        return tuple(c * f for c, f in zip(self.coefficients, _FACTORIALS, strict=True))
 
     @property
     def value(self):
@@ -77,7 +78,7 @@ def stack(parts):
     """Return `parts` joined along a new last axis: an ndarray, or a Jet if any part is one."""
     if any(isinstance(part, Jet) for part in parts):
         series = [_coefficients(part) for part in parts]
-        return Jet(*(np.stack(np.broadcast_arrays(*order), axis=-1) for order in zip(*series)))
+        return Jet(*(np.stack(np.broadcast_arrays(*order), axis=-1) for order in zip(*series, strict=True)))
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
 
 
@@ -120,8 +121,8 @@ def _arctan(a):
 
 
 _RULES = {
-    np.add: lambda a, b: [x + y for x, y in zip(a, b)],
-    np.subtract: lambda a, b: [x - y for x, y in zip(a, b)],
+    np.add: lambda a, b: [x + y for x, y in zip(a, b, strict=True)],
+    np.subtract: lambda a, b: [x - y for x, y in zip(a, b, strict=True)],
     np.negative: lambda a: [-x for x in a],
     np.multiply: _multiply,
     np.divide: _divide,

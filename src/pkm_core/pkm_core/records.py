@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rosbags.rosbag2 import Reader, ReaderError
-
-from pkm_core.bags import column, read_topics
+from pkm_core.bags import column, read_metadata, read_topics
 from pkm_core.errors import BagError
 from pkm_core.metrics import axis_metrics
 
@@ -72,12 +70,10 @@ def read_cycle(path, namespace='/pkm'):
     def stack(per_joint, field):
         return np.stack([column(taken[:length], field) for taken in per_joint], axis=1)
 
-    try:
-        with Reader(Path(path)) as reader:
-            recorded = {connection.topic: connection.msgcount for connection in reader.connections}
-            expected = json.loads((reader.custom_data or {}).get('expected', '{}'))
-    except (ReaderError, OSError, ValueError) as error:
-        raise BagError(f'{path}: cannot be read as a bag: {error}') from None
+    info = read_metadata(path)
+    recorded = {
+        topic['topic_metadata']['name']: topic['message_count'] for topic in info['topics_with_message_count']
+    }
     return CycleRecord(
         path=Path(path),
         motion=trajectory.motion,
@@ -93,5 +89,5 @@ def read_cycle(path, namespace='/pkm'):
         move_starts=np.array(trajectory.move_starts, dtype=int),
         move_ends=np.array(trajectory.move_ends, dtype=int),
         recorded=recorded,
-        expected=expected,
+        expected=json.loads(info['custom_data']['expected']),
     )

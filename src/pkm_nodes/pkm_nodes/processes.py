@@ -6,13 +6,21 @@ import subprocess
 from pathlib import Path
 from time import monotonic, sleep
 
-from ament_index_python.packages import get_package_prefix
-
+from pkm_core.config import install_prefixes
 from pkm_core.errors import PkmError
 from pkm_nodes.graph import NodeSpec, cell_nodes
 
 # [s, wall] from the polite signal to the other one
 _PATIENCE = 10.0
+
+
+def _executables():
+    """Return the folder of this package's executables, where `ros2 run` finds them."""
+    folders = [prefix / 'lib' / 'pkm_nodes' for prefix in install_prefixes()]
+    for folder in folders:
+        if folder.is_dir():
+            return folder
+    raise PkmError(f'pkm_nodes is not installed in any of {[str(folder) for folder in folders]}')
 
 
 class CellProcesses:
@@ -43,7 +51,7 @@ class CellProcesses:
         self.processes = {}
 
     def __enter__(self):
-        executables = Path(get_package_prefix('pkm_nodes')) / 'lib' / 'pkm_nodes'
+        executables = _executables()
         for spec in self._specs:
             with (self._logs / f'{spec.name}.log').open('w') as log:
                 self.processes[spec.name] = subprocess.Popen(

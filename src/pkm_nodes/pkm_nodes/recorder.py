@@ -10,6 +10,7 @@ arrived, then checked and announced with a RECORDED event.
 import json
 import sys
 from datetime import datetime
+from math import inf
 from struct import unpack_from
 from time import monotonic
 
@@ -54,6 +55,7 @@ class _Cycle:
         self.waiting = []  # (topic, data, tick or None for before the start)
         self.bag = None
         self.first_tick = self.last_tick = None
+        self.end_tick = inf  # first tick that is not in it
         self.expected = {}  # messages by topic, known once the cycle has ended
         self.ended = None  # wall time
 
@@ -137,8 +139,8 @@ class RecorderNode(PkmNode):
         """Take a message that begins with a stamp, which is the time of its tick."""
         seconds, nanoseconds = unpack_from('<iI', data, 4)
         tick = round((seconds * 1_000_000_000 + nanoseconds) / nanoseconds_of_tick(1, self._sample_time))
-        for cycle in reversed(self._cycles.values()):
-            if cycle.first_tick is None or tick >= cycle.first_tick:
+        for cycle in self._cycles.values():
+            if cycle.first_tick is None or cycle.first_tick <= tick < cycle.end_tick:
                 self._put(cycle, topic, data, tick)
                 return
 
@@ -160,6 +162,7 @@ class RecorderNode(PkmNode):
             cycle.first_tick = event.tick
         self._put(cycle, topic, data, event.tick or cycle.last_tick)
         if event.event in (CycleEvent.FINISHED, CycleEvent.FAULT) and cycle.first_tick is not None:
+            cycle.end_tick = event.tick + (event.event == CycleEvent.FAULT)  # the last tick of a safe stop is in it
             cycle.expected = self._expected(cycle, event)
             cycle.ended = monotonic()
             self._report_progress()
@@ -167,8 +170,8 @@ class RecorderNode(PkmNode):
 
     def _expected(self, cycle, event):
         """Return how many messages of each topic this cycle must have, from the machine's own account of it."""
-        ticks = event.tick - cycle.first_tick + (event.event == CycleEvent.FAULT)
-        states = sum(tick % POSE_EVERY == 0 for tick in range(cycle.first_tick, cycle.first_tick + ticks))
+        ticks = cycle.end_tick - cycle.first_tick
+        states = sum(tick % POSE_EVERY == 0 for tick in range(cycle.first_tick, cycle.end_tick))
         finished = event.event == CycleEvent.FINISHED
         per_topic = {
             _TYPES[EncoderSample]: ticks,

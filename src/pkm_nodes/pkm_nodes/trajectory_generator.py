@@ -17,8 +17,8 @@ from rclpy.task import Future
 from pkm_core.errors import PkmError, TrajectoryError
 from pkm_core.learning import LAWS
 from pkm_core.machines import load_machine
-from pkm_core.motions import load_motion, poses_motion
-from pkm_core.trajectory import plan, to_joints
+from pkm_core.motions import load_motion, plan, poses_motion
+from pkm_core.trajectory import to_joints
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent, CycleMetrics
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage

@@ -14,9 +14,9 @@ from pkm_core.config import Config, Frequency, Number
 from pkm_core.errors import ConfigError
 
 
-def _decibel(value):
-    """Return the number of a text such as '4.1 dB'; pint has no plain parser for a logarithmic unit."""
-    if isinstance(value, float):
+def _decibel(value, info):
+    """Return the number of a text such as '4.1 dB', for which pint has no plain parser; from Python also a float."""
+    if isinstance(value, float) and not info.context:
         return value
     match = re.fullmatch(r'([-+.\deE]+) dB', value) if isinstance(value, str) else None
     if match is None:

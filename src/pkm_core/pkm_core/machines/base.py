@@ -76,8 +76,8 @@ class Machine(ABC):
         Names of the entries of q and of a pose.
     parameters : tuple of str
         Names of the entries of the vector p that `terms` takes.
-    terms, terms_over_axes : compiled functions
-        ``terms(q, qd, p, M, C, G)`` and ``M, C, G = terms_over_axes(q, qd, p)``, see pkm_core.dynamics.
+    terms, rows : compiled functions
+        The kernel ``terms(q, qd, p, M, C, G)`` of pkm_core.dynamics and the same over the rows of histories.
     home : ndarray, shape (n,)
         Joint positions at power-up [m].
     sample_time, encoder_resolution, voltage_limit, thrust_per_volt : float
@@ -161,7 +161,12 @@ class Machine(ABC):
     def _terms(self, q, qd):
         q = self._joints(q)
         self.forward(q)  # names the joints that are out of reach, where the kernels would give NaN
-        return self.terms_over_axes(q, self._joints(qd), self.dynamic_parameters())
+        q, qd = np.broadcast_arrays(q, self._joints(qd))
+        n = q.shape[-1]
+        M, C, G = np.empty((q.size // n, n, n)), np.empty((q.size // n, n)), np.empty((q.size // n, n))
+        rows = (np.ascontiguousarray(part).reshape(-1, n) for part in (q, qd))
+        self.rows(*rows, self.dynamic_parameters(), M, C, G)
+        return M.reshape(*q.shape, n), C.reshape(q.shape), G.reshape(q.shape)
 
     def _joints(self, q):
         q = as_series(q)

@@ -40,7 +40,7 @@ class FourDof(Machine):
     coordinates = ('x', 'y', 'z', 'phi')
     parameters = dynamics.FOUR_DOF_PARAMETERS
     terms = staticmethod(dynamics.four_dof_terms)
-    terms_over_axes = staticmethod(dynamics.four_dof_terms_over_axes)
+    rows = staticmethod(dynamics.four_dof_rows)
 
     def forward(self, q):
         """Return (x, y, z, phi) of (2.5)-(2.8), (2.16)-(2.19) at `q`; see `Machine.forward`."""
@@ -90,21 +90,20 @@ class FourDof(Machine):
         """
         Return by how much (...,) [m] the nearest pivot distance may change before the mechanism is singular.
 
-        Each of the three T-mechanisms is singular when its two pivots coincide or its links lie flat: d3 - d1 and d5 - d7
-        at 0 (3.27) or 2 l2 (3.29), PQ at 2 k10 (3.28, for any direction of PQ) or at 0, where phi is free.
+        Each of the three T-mechanisms is singular when its two pivots coincide or its links lie flat: d3 - d1 and
+        d5 - d7 at 0 (3.27) or 2 l2 (3.29), PQ at 2 k10 ((3.28), in any direction) or at 0, where phi is free.
         """
         at = self._linkage(self._joints(q))
         PQ = np.hypot(at.wx, at.wy)
-        return np.minimum(
-            margins(at.gaps, self.config.geometry.l2).min(axis=-1), margins(PQ, self.config.geometry.k10)
-        )
+        planar = margins(at.gaps, self.config.geometry.l2).min(axis=-1)
+        return np.minimum(planar, margins(PQ, self.config.geometry.k10))
 
     def passive_angles(self, q):
         """
         Return the angles (...,) [rad] of the links at `q` (..., 4), array or Jet, by name.
 
-        th2, th4, th6, th8: directions of the links from their slider, from +X about +Z. theta10, theta12: elevation of the
-        links over the horizontal. phi: turn of the end-effector and of links 9 to 12 about Z.
+        th2, th4, th6, th8: directions of the links from their slider, from +X about +Z. theta10, theta12: elevations
+        of the links. phi: turn of the end-effector and of links 9 to 12 about Z.
         """
         at = self._linkage(self._joints(q))
         th2 = np.arctan(2.0 * at.Y1 / at.gaps[..., 0])

@@ -1,7 +1,8 @@
 """
 Planar 2-DOF manipulator: sliders d1, d3 on one guide along X carry a T-mechanism; the pose is its point P = (x, y).
 
-The small platform at P is kept from turning by a belt, assumed ideal. Source: thesis ch. 2 (2.4)-(2.12), ch. 7 (7.1)-(7.12).
+The small platform at P is kept from turning by a belt, assumed ideal.
+Source: thesis ch. 2, (2.4)-(2.12); ch. 7, (7.1)-(7.12); Table 6.1.
 """
 
 from typing import Literal
@@ -86,7 +87,7 @@ class Planar(Machine):
     coordinates = ('x', 'y')
     parameters = dynamics.PLANAR_PARAMETERS
     terms = staticmethod(dynamics.planar_terms)
-    terms_over_axes = staticmethod(dynamics.planar_terms_over_axes)
+    rows = staticmethod(dynamics.planar_rows)
 
     def forward(self, q):
         """Return (x1, y1) of (2.5), (2.6) at `q`; see `Machine.forward`."""

@@ -1,5 +1,5 @@
 """
-Two sliders on one guide with a link each, the links meeting in a revolute joint at a height over the guide: thesis ch. 2.
+Two sliders on one guide with a link each, the links meeting in a joint at a height over the guide (thesis ch. 2).
 
 It is singular where the two pivots coincide (3.27) and where the links lie flat (3.28), (3.29). The links that rise
 from P and Q are one too, with PQ for the gap.

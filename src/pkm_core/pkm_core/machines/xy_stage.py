@@ -49,7 +49,7 @@ class XyStage(Machine):
     joints = coordinates = ('x', 'y')
     parameters = dynamics.XY_STAGE_PARAMETERS
     terms = staticmethod(dynamics.xy_stage_terms)
-    terms_over_axes = staticmethod(dynamics.xy_stage_terms_over_axes)
+    rows = staticmethod(dynamics.xy_stage_rows)
 
     def forward(self, q):
         """Return a copy of `q`; see `Machine.forward`."""

@@ -19,9 +19,12 @@ def parse_yaml(text):
 
 
 class _Dumper(yaml.Dumper):
-    """Writes bytes as text, one character a byte."""
+    """Writes a message as a block even in flow style, and bytes as text, one character a byte."""
 
 
+_Dumper.add_representer(
+    dict, lambda dumper, data: dumper.represent_mapping('tag:yaml.org,2002:map', data, flow_style=False)
+)
 _Dumper.add_representer(bytes, lambda dumper, data: dumper.represent_str(data.decode('latin-1')))
 
 
@@ -39,32 +42,21 @@ def message_to_yaml(msg, flow_style=False, **options):
 
 def message_to_csv(msg, **options):
     """Return all numbers and strings of msg, separated by commas; the options are those of plain_value."""
-    return ','.join(map(str, _leaves(plain_value(msg, **options))))
+    return _csv(plain_value(msg, **options))
 
 
-def _leaves(value):
-    """Yield what nested dictionaries and lists hold."""
+def _csv(value):
     if isinstance(value, (dict, list)):
-        for inner in value.values() if isinstance(value, dict) else value:
-            yield from _leaves(inner)
-    else:
-        yield value
+        return ','.join(map(_csv, value.values() if isinstance(value, dict) else value))
+    return str(value)
 
 
 def plain_value(value, truncate_length=None, no_arr=False, no_str=False, slot_type=None):
     """
     Return a message or the value of a field as dictionaries, lists, numbers and strings.
 
-    Parameters
-    ----------
-    value : message or field of one
-    truncate_length : int, optional
-        Longest array, string or byte string; the rest becomes '...'.
-    no_arr, no_str : bool
-        Name type and length of arrays or strings instead of their content.
-    slot_type : rosidl_parser definition, optional
-        Type of the field; None within an array.
-
+    Arrays, strings and bytes longer than truncate_length end in '...'; no_arr and no_str name type and length of an
+    array or string instead of its content. slot_type is the type of a field, None within an array.
     """
     options = dict(truncate_length=truncate_length, no_arr=no_arr, no_str=no_str)
     if hasattr(value, 'SLOT_TYPES'):

@@ -7,8 +7,8 @@ import os
 import time
 
 FIND_TIMEOUT = 5.0  # [s] what is named on the command line is waited for so long
-GRAPH_TIMEOUT = 2.0  # [s] at most, to learn a graph without a daemon that knows it already
-GRAPH_QUIET = 0.5  # [s] without a change, and the graph counts as known
+GRAPH_TIMEOUT = 3.0  # [s] at most, to learn the graph without a daemon; a busy machine was seen to take 2
+GRAPH_QUIET = 0.5  # [s] without a change, and a graph with nodes counts as known
 POLL = 0.1  # [s] a signal is answered within this time
 TOPIC_HELP = "Name of the ROS topic to listen to (e.g. '/chatter')"
 NODE_PREFIX = '_ros2cli'  # the underscore keeps these nodes out of `node list`
@@ -100,15 +100,16 @@ def graph_node(args):
 
 
 def settle(node, spin_time=None):
-    """Return when the graph has been quiet for a while and holds more than this node, or after the longest wait."""
+    """Return when the graph has nodes and has been quiet for a while, or after the longest wait."""
     start = changed = time.monotonic()
     seen = None
     while (now := time.monotonic()) - start < (GRAPH_TIMEOUT if spin_time is None else spin_time):
         graph = (node.get_node_names_and_namespaces(), node.get_topic_names_and_types())
         if graph != seen:
             seen, changed = graph, now
-        elif spin_time is None and len(graph[0]) > 1 and now - changed > GRAPH_QUIET:
-            return
+        elif spin_time is None and now - changed > GRAPH_QUIET:
+            if not all(name.startswith(NODE_PREFIX) for name, _ in graph[0]):  # more than tools like this one
+                return
         time.sleep(POLL)
 
 
@@ -136,10 +137,9 @@ def find_topic_class(node, topic_name):
     def types():
         return dict(node.get_topic_names_and_types()).get(full_name)
 
-    if not types():
-        print(f'WARNING: topic [{topic_name}] does not appear to be published yet')
     found = wait_for(types)
     if not found:
+        print(f'WARNING: topic [{topic_name}] does not appear to be published yet')
         raise RuntimeError('Could not determine the type for the passed topic')
     if len(found) > 1:
         raise RuntimeError(f"Cannot echo topic '{topic_name}', as it contains more than one type: [{', '.join(found)}]")
