@@ -4,7 +4,8 @@ Rigid-body dynamics M(q) qdd + C(q, qd) + G(q) = F of the machines, compiled; SI
 One kernel a mechanism, all with the signature ``terms(q, qd, p, M, C, G)``: it overwrites the preallocated M (n, n)
 [kg] and C, G (n,) [N]. The parameter vector p (float64) holds the numbers named in NAME_PARAMETERS, in that order.
 Links are rigid, belts ideal, joints free of friction: those live in the plant. Gravity points along -z.
-Source: thesis ch. 5 and 7; formulation with constant link inertias and bias accelerations (theory notes 5.2, 5.4).
+Source: thesis ch. 5 and 7, written as a sum over bodies of J' m J and J' m (Jdot qd), which are the same equations
+without the printing errors of M_p, M_v and G_v.
 """
 
 import math
@@ -157,8 +158,8 @@ def four_dof_terms(q, qd, p, M, C, G):
             M[j, i] = M[i, j]
 
 
-# The kernels over histories q, qd (T, n) into M (T, n, n), C, G (T, n). Written out: numba caches neither a loop that takes
-# its kernel as an argument nor, without crashing on the next start (numba 0.68), a guvectorize.
+# The kernels over histories q, qd (T, n) into M (T, n, n), C, G (T, n). Three loops instead of one, because numba 0.68
+# never finds a loop that takes its kernel as an argument in its cache, and a guvectorize from the cache crashes.
 
 
 @njit(cache=True)

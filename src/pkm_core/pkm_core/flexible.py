@@ -1,96 +1,84 @@
 """
 Flexible modes of one joint: the identified high-frequency dynamics H_i of (7.20).
 
-H_i stands in series: the encoder sees the rigid joint position r plus the deflections of the modes,
+H_i stands in series with the rigid machine: the scale moves by y = r + SUM eta_m, the rigid joint position r plus the
+deflections of the modes. Partial fractions of (7.20) make the modes independent of each other,
 
-    y = r + SUM eta_m,    eta'' + 2 zr wr eta' + wr^2 eta = (g - 1) y_m'' + 2 (g za wa - zr wr) y_m',    g = (wr/wa)^2,
+    H_i = 1 + SUM_m (alpha_m s^2 + beta_m s) / (s^2 + 2 z_m w_m s + w_m^2),    eta'' + 2 z w eta' + w^2 eta = alpha r'' + beta r',
 
-with y_m the position in front of mode m. Deflections are zero at rest and H_i(0) = 1, so settled positions are those of
-the rigid machine. What this means: a mode is base-excited by the joint and pushes back on nothing. The force equilibrium
-stays that of the rigid machine (whose mass is the identified, total one); the energy of a mode is not in its balance; a
-right-half-plane zero (planar d3) is representable. Deflections of different joints do not couple.
+each excited by the motion of its joint. H_i(0) = 1: settled positions are those of the rigid machine. What this means: a
+mode pushes back on nothing. The force equilibrium stays that of the rigid machine, whose mass is the identified, total one;
+the energy of the modes is not in its balance; right-half-plane zeros (planar d3) are representable; modes of different
+joints do not couple.
 """
 
 import numpy as np
 from numba import njit
 from scipy.linalg import expm
 
+STEP_SIZE = 8  # numbers of one mode's step: rows (eta, eta') by columns (eta, eta', speed, acceleration)
 
-def mode_matrices(modes, substep, order, stretch=1.0):
+
+def mode_steps(modes, substep, stretch=1.0):
     """
-    Return the exact step of a cascade of modes, shape (order, order + 2): columns state, speed, acceleration.
+    Return the exact step of each mode, shape (len(modes), STEP_SIZE), for `mode_step`.
 
-    Exact for a joint whose acceleration is constant over the substep, which is how the rigid machine is integrated.
+    Exact for a joint of constant acceleration over the substep, which is how the rigid machine is integrated.
 
     Parameters
     ----------
     modes : sequence of truth.Mode
-        Factors of H_i; the state is (eta_1, eta_1', eta_2, eta_2', ...).
+        Factors of H_i; their resonances must differ.
     substep : float
         [s].
-    order : int
-        Rows wanted, at least 2 len(modes); spare rows stay zero.
     stretch : float
-        Factor on all frequencies (position dependence).
+        Factor on all frequencies of H_i (position dependence).
 
     """
-    used = 2 * len(modes)
-    system = np.zeros((used + 2, used + 2))  # state, then speed and acceleration of the joint
-    speed = np.zeros(used + 2)  # y_m' and y_m'' as rows over that vector
-    speed[used] = 1.0
-    acceleration = np.zeros(used + 2)
-    acceleration[used + 1] = 1.0
-    system[used, used + 1] = 1.0
-    for m, mode in enumerate(modes):
-        wr = 2.0 * np.pi * mode.resonance * stretch
-        wa = 2.0 * np.pi * mode.antiresonance * stretch
-        gain = (wr / wa) ** 2
-        deflection, rate = 2 * m, 2 * m + 1
-        system[deflection, rate] = 1.0
-        system[rate] = (gain - 1.0) * acceleration + 2.0 * (
-            gain * mode.antiresonance_damping * wa - mode.resonance_damping * wr
-        ) * speed
-        system[rate, deflection] -= wr * wr
-        system[rate, rate] -= 2.0 * mode.resonance_damping * wr
-        speed[rate] += 1.0
-        acceleration = acceleration + system[rate]
-    matrices = np.zeros((order, order + 2))
-    step = expm(system * substep)
-    matrices[:used, :used] = step[:used, :used]
-    matrices[:used, order:] = step[:used, used:]
-    return matrices
+    resonances = [_factor(mode.resonance * stretch, mode.resonance_damping) for mode in modes]
+    antiresonances = [_factor(mode.antiresonance * stretch, mode.antiresonance_damping) for mode in modes]
+    gain = np.prod([r[2] / a[2] for r, a in zip(resonances, antiresonances, strict=True)])
+    numerator = np.polysub(gain * _product(antiresonances), _product(resonances))[:-1]  # (H - 1) D / s: the constant is 0
+    steps = np.zeros((len(modes), STEP_SIZE))
+    for m, resonance in enumerate(resonances):
+        pole = np.roots(resonance)[0]
+        residue = np.polyval(numerator, pole) / np.polyval(_product(resonances[:m] + resonances[m + 1 :]), pole)
+        alpha = residue.imag / pole.imag
+        beta = residue.real - alpha * pole.real
+        system = np.zeros((4, 4))  # of (eta, eta', speed, acceleration)
+        system[0, 1] = system[2, 3] = 1.0
+        system[1] = [-resonance[2], -resonance[1], beta, alpha]
+        steps[m] = expm(system * substep)[:2].ravel()
+    return steps
+
+
+def _factor(frequency, damping):
+    w = 2.0 * np.pi * frequency
+    return np.array([1.0, 2.0 * damping * w, w * w])
+
+
+def _product(factors):
+    product = np.ones(1)
+    for factor in factors:
+        product = np.polymul(product, factor)
+    return product
 
 
 @njit(cache=True)
-def blend_matrices(table, place, matrices):
-    """Fill `matrices` with `table` (points, ...) at `place` in 0..1, linear between its points."""
+def blend_steps(table, place, steps):
+    """Fill `steps` with `table` (points, ...) at `place` in 0..1, linear between its points."""
     x = min(max(place, 0.0), 1.0) * (table.shape[0] - 1)
     below = min(int(x), table.shape[0] - 2)
     share = x - below
-    for row in range(matrices.shape[0]):
-        for column in range(matrices.shape[1]):
-            matrices[row, column] = (1.0 - share) * table[below, row, column] + share * table[below + 1, row, column]
+    for m in range(steps.shape[0]):
+        for k in range(STEP_SIZE):
+            steps[m, k] = (1.0 - share) * table[below, m, k] + share * table[below + 1, m, k]
 
 
 @njit(cache=True)
-def mode_step(state, matrices, speed, acceleration, scratch):
-    """Advance the modes of one joint in place from the joint's `speed` at the start and its constant `acceleration`."""
-    order = state.shape[0]
-    for row in range(order):
-        total = matrices[row, order] * speed + matrices[row, order + 1] * acceleration
-        for column in range(order):
-            total += matrices[row, column] * state[column]
-        scratch[row] = total
-    for row in range(order):
-        state[row] = scratch[row]
-
-
-@njit(cache=True)
-def deflection(state):
-    """Return (deflection [m], its rate [m/s]) of the modes of one joint."""
-    sum_position = 0.0
-    sum_speed = 0.0
-    for m in range(0, state.shape[0], 2):
-        sum_position += state[m]
-        sum_speed += state[m + 1]
-    return sum_position, sum_speed
+def mode_step(deflection, rate, a, speed, acceleration):
+    """Return (deflection [m], rate [m/s]) of a mode after a substep `a`, from the joint's `speed` at its start."""
+    return (
+        a[0] * deflection + a[1] * rate + a[2] * speed + a[3] * acceleration,
+        a[4] * deflection + a[5] * rate + a[6] * speed + a[7] * acceleration,
+    )

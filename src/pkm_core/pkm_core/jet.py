@@ -4,7 +4,7 @@ Truncated Taylor series in time: carries position, velocity, acceleration and je
 A `Jet` stands where a NumPy array stands: ``machine.inverse(Jet.from_derivatives(p, v, a, j)).derivatives()`` is the
 exact joint motion of a pose motion, without a hand-written derivative. Arithmetic, `np.sqrt`, `np.sin`, `np.cos` and
 `np.arctan` are known; any other NumPy function refuses a Jet with a TypeError.
-Source: Griewank & Walther, Evaluating Derivatives (2008), table 13.1 and 13.2 (recurrences of Taylor coefficients).
+Source: Griewank & Walther, Evaluating Derivatives (2008), ch. 13 (recurrences of Taylor coefficients).
 """
 
 import numpy as np

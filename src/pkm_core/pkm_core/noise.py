@@ -6,6 +6,8 @@ Counter-based generators make it so: nothing depends on how long other cycles we
 
 import numpy as np
 
+from pkm_core.plant_tick import AMPLIFIER, ENCODER, FLOOR
+
 _ASSEMBLY, _CYCLE, _ENCODER, _AMPLIFIER, _FLOOR, _LASER = range(6)  # new streams go at the end: old seeds keep their bits
 _BLOCK = 1024  # ticks drawn at once
 _TONES = 24  # of the floor vibration, in each direction
@@ -31,16 +33,17 @@ class CycleNoise:
 
     Attributes
     ----------
-    encoder, amplifier, floor : ndarray, shape (ticks, n)
-        The present block: counts, V and m/s^2 (the floor's acceleration along each guide).
+    block : ndarray, shape (3, ticks, n)
+        The present block, rows plant_tick.ENCODER [counts], AMPLIFIER [V], FLOOR [m/s^2]: the floor's acceleration
+        along each guide.
     friction, gain : ndarray, shape (n,)
         Factors of this cycle on Coulomb friction and thrust.
 
     """
 
-    def __init__(self, seed, environment, directions, band, sample_time):
+    def __init__(self, seed, levels, directions, band, sample_time):
         self._seed = seed
-        self._environment = environment
+        self._levels = levels
         self._directions = [('x', 'y').index(direction) for direction in directions]
         self._band = band
         self._sample_time = sample_time
@@ -48,10 +51,10 @@ class CycleNoise:
 
     def start(self, cycle):
         """Draw the factors of `cycle` and return to its first tick."""
-        n, environment = len(self._directions), self._environment
+        n, levels = len(self._directions), self._levels
         draw = _generator(self._seed, _CYCLE, cycle)
-        self.friction = 1.0 + environment.friction_jitter * draw.uniform(-1.0, 1.0, n)
-        self.gain = 1.0 + environment.gain_jitter * draw.standard_normal(n)
+        self.friction = 1.0 + levels.friction_jitter * draw.uniform(-1.0, 1.0, n)
+        self.gain = 1.0 + levels.gain_jitter * draw.standard_normal(n)
         tones = _generator(self._seed, _FLOOR, cycle)
         self._rates = 2.0 * np.pi * tones.uniform(*self._band, (_TONES, 2))
         self._phases = tones.uniform(0.0, 2.0 * np.pi, (_TONES, 2))
@@ -59,22 +62,21 @@ class CycleNoise:
         self._fill(0)
 
     def row(self, index):
-        """Return the row of the blocks that belongs to tick `index` of the cycle; draws its block if it is another."""
-        block, row = divmod(index, _BLOCK)
-        if block != self._block:
-            self._fill(block)
+        """Return the row of the block that belongs to tick `index` of the cycle; draws its block if it is another."""
+        number, row = divmod(index, _BLOCK)
+        if number != self._number:
+            self._fill(number)
         return row
 
-    def _fill(self, block):
-        shape = (_BLOCK, len(self._directions))
-        environment, key = self._environment, (self._cycle, block)
-        self._block = block
-        self.encoder = environment.encoder_noise * _generator(self._seed, _ENCODER, *key).uniform(-1.0, 1.0, shape)
-        self.amplifier = environment.amplifier_noise * _generator(self._seed, _AMPLIFIER, *key).standard_normal(shape)
-        if environment.floor_vibration > 0.0:
-            time = self._sample_time * (block * _BLOCK + np.arange(_BLOCK))
+    def _fill(self, number):
+        n = len(self._directions)
+        levels, key = self._levels, (self._cycle, number)
+        self._number = number
+        self.block = np.zeros((3, _BLOCK, n))
+        self.block[ENCODER] = levels.encoder_noise * _generator(self._seed, _ENCODER, *key).uniform(-1.0, 1.0, (_BLOCK, n))
+        self.block[AMPLIFIER] = levels.amplifier_noise * _generator(self._seed, _AMPLIFIER, *key).standard_normal((_BLOCK, n))
+        if levels.floor_vibration > 0.0:
+            time = self._sample_time * (number * _BLOCK + np.arange(_BLOCK))
             tones = np.cos(time[:, np.newaxis, np.newaxis] * self._rates + self._phases)
-            along = environment.floor_vibration * np.sqrt(2.0 / _TONES) * tones.sum(axis=1)
-            self.floor = np.ascontiguousarray(along[:, self._directions])
-        else:
-            self.floor = np.zeros(shape)
+            along = levels.floor_vibration * np.sqrt(2.0 / _TONES) * tones.sum(axis=1)
+            self.block[FLOOR] = along[:, self._directions]

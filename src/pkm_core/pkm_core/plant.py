@@ -10,8 +10,9 @@ K_i = thrust_per_volt / (M_ii(home) + extra_i), and b_i = a_i (M_ii(home) + extr
 the others are held. The extra mass stands for what Table 6.1 does not list; it is unexplained (theory notes 6.4).
 """
 
+import copy
 import numbers
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +22,7 @@ from pkm_core.drive import phase_currents
 from pkm_core.errors import PkmError
 from pkm_core.noise import CycleNoise
 from pkm_core.plant_build import build
-from pkm_core.plant_tick import REFUSED, advance
+from pkm_core.plant_tick import QD, REFUSED, Q, advance
 from pkm_core.truth import load_truth
 
 
@@ -96,17 +97,19 @@ class Plant:
         truth, levels = load_truth(machine, environment)
         self._pitch = truth.drive.pitch
         self._assembly = assemble(machine, truth, levels, seed)
-        self._mechanism, self._parameters, self._scratch, self._start = build(machine, truth, levels, self._assembly)
-        self._thrust = self._parameters.newton_per_ampere.copy()
-        self._coulomb = self._parameters.coulomb.copy()
+        self._built = build(machine, truth, levels, self._assembly)
+        self._substeps = round(machine.sample_time / truth.substep)
         directions = [axis.direction for axis in truth.axes.values()]
         self._noise = CycleNoise(seed, levels, directions, truth.vibration_band, machine.sample_time)
         self._no_volts = np.zeros(len(machine.joints))
         self.reset()
+        next(self.brake(1))  # numba compiles, or loads what it has compiled, here and not in the first tick
+        self.reset()
 
     def reset(self):
         """Return to the state at construction: home, at rest, cycle 0, no fault."""
-        self._state = type(self._start)(*(part.copy() for part in self._start))
+        self._arrays = copy.deepcopy(self._built)
+        self._arguments = tuple(getattr(self._arrays, field.name) for field in fields(self._arrays))
         self._ticks = 0
         self._fault = None
         self.start_cycle(0)
@@ -116,8 +119,8 @@ class Plant:
         if not isinstance(cycle, numbers.Integral) or isinstance(cycle, bool) or cycle < 0:
             raise PkmError(f'plant: cycle {cycle!r} given; expected a whole number from 0')
         self._noise.start(int(cycle))
-        self._parameters.newton_per_ampere[:] = self._thrust * self._noise.gain
-        self._parameters.coulomb[:] = self._coulomb * self._noise.friction
+        for name, factor in (('newton_per_ampere', self._noise.gain), ('coulomb', self._noise.friction)):
+            self._arrays.parameters[name] = self._built.parameters[name] * factor
         self._index = 0
 
     def tick(self, volts):
@@ -149,7 +152,7 @@ class Plant:
     @property
     def counts(self):
         """The present reading, int64 (n,)."""
-        return self._state.counts.copy()
+        return self._arrays.counts.copy()
 
     @property
     def fault(self):
@@ -159,17 +162,17 @@ class Plant:
     @property
     def truth(self):
         """The `PlantTruth` of this instant."""
-        s, n = self._state, len(self.machine.joints)
+        axes, motion, n = self._arrays.axes, self._arrays.motion, len(self.machine.joints)
         return PlantTruth(
             time=self._ticks * self.machine.sample_time,
-            q=s.joints[0].copy(),
-            qd=s.joints[1].copy(),
-            rigid_q=s.q[:n].copy(),
-            belts=s.q[n:].copy(),
-            belt_rates=s.qd[n:].copy(),
-            current=s.current.copy(),
-            thrust=s.thrust.copy(),
-            friction=s.friction.copy(),
+            q=axes['position'].copy(),
+            qd=axes['speed'].copy(),
+            rigid_q=motion[Q, :n].copy(),
+            belts=motion[Q, n:].copy(),
+            belt_rates=motion[QD, n:].copy(),
+            current=axes['current'].copy(),
+            thrust=axes['thrust'].copy(),
+            friction=axes['friction'].copy(),
             assembly=self._assembly,
             pitch=self._pitch,
         )
@@ -178,20 +181,8 @@ class Plant:
         volts = np.ascontiguousarray(volts, dtype=np.float64)
         if volts.shape != self._no_volts.shape:
             raise PkmError(f'plant {self.machine.name}: volts of shape {volts.shape} given; expected {self._no_volts.shape}')
-        noise = self._noise
-        row = noise.row(self._index)
-        event = advance(
-            self._state,
-            self._parameters,
-            self._scratch,
-            self._mechanism,
-            volts,
-            noise.encoder,
-            noise.amplifier,
-            noise.floor,
-            row,
-            shorted,
-        )
+        row = self._noise.row(self._index)
+        event = advance(*self._arguments, volts, self._noise.block, row, self._substeps, shorted)
         if event == REFUSED:
             given = dict(zip(self.machine.joints, volts.tolist(), strict=True))
             raise PkmError(f'plant {self.machine.name}: volts {given} V given; expected finite values')
@@ -199,11 +190,11 @@ class Plant:
         self._ticks += 1
         if event and self._fault is None:
             self._fault = self._describe(event - 1)
-        return self._state.counts.copy()
+        return self._arrays.counts.copy()
 
     def _describe(self, contact):
-        below, above, _ = self._parameters.contact[contact]
-        joints, q = self.machine.joints, self._state.q * 1e3
+        below, above, _ = self._arrays.contacts[contact]
+        joints, q = self.machine.joints, self._arrays.motion[Q] * 1e3
         when = f'{self._ticks * self.machine.sample_time * 1e3:.1f} ms'
         if below >= 0 and above >= 0:
             low, high = joints[int(below)], joints[int(above)]

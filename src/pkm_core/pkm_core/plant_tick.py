@@ -1,13 +1,14 @@
 """
 The compiled servo tick of the plant: volts in, one sample time of physics, counts out; no allocation, no randomness.
 
-Between the reading k and k+1 the drive applies the voltage that answered reading k-1 (one whole sample of computation),
+Between the readings k and k+1 the drive applies the voltage that answered reading k-1 (one whole sample of computation),
 held, quantised, saturated. Each substep takes the exact mean of the current, evaluates the rigid machine at the middle of
-the substep and holds its acceleration (second order; free of numerical damping), viscous friction by the trapezoid rule.
+the substep and holds its acceleration (second order, no numerical damping); viscous friction follows the trapezoid rule.
+
+All numbers stand in float64 arrays; those with a field per quantity are structured arrays, one row a joint.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,89 +17,78 @@ from pkm_core.belts import four_dof_belt_terms
 from pkm_core.drive import current_step, dac_output, emf_step, limited_current, motor_thrust
 from pkm_core.dynamics import four_dof_terms, planar_terms, xy_stage_terms
 from pkm_core.encoder import encoder_count
-from pkm_core.flexible import blend_matrices, deflection, mode_step
+from pkm_core.flexible import blend_steps, mode_step
 from pkm_core.friction import lugre_step
 from pkm_core.stops import contact_force
 
-MECHANISMS = ('planar', 'xy_stage', 'four_dof', 'four_dof_belts')
-REFUSED = -1  # event: a voltage is not finite; otherwise 0, or 1 + number of the contact
+MECHANISMS = ('planar', 'xy_stage', 'four_dof', 'four_dof_belts')  # those rigid_terms knows, by index
+REFUSED = -1  # event: a voltage is not finite; other events are 0 or 1 + the row of the contact that touched first
+Q, QD, QDD = range(3)  # rows of the motion (3, m) of the rigid machine: joints [m], then belt rotations [rad]
+ENCODER, AMPLIFIER, FLOOR = range(3)  # of the noise (3, ticks, n): counts, V, m/s^2
 
 
-class State(NamedTuple):
-    """All that changes; n joints, m >= n coordinates (joints [m], then belt rotations [rad])."""
-
-    q: np.ndarray  # (m,) of the rigid machine
-    qd: np.ndarray  # (m,)
-    qdd: np.ndarray  # (m,) held over the last substep
-    modes: np.ndarray  # (n, order) deflections [m] and rates [m/s], see flexible.py
-    joints: np.ndarray  # (2, n) what the scale moves by: rigid position plus deflections [m], speed [m/s]
-    bristle: np.ndarray  # (n,) of the friction [m]
-    command: np.ndarray  # (n,) computed, not applied before the next tick [V]
-    demand: np.ndarray  # (n,) amplitude the current loop follows [A]
-    current: np.ndarray  # (n,) amplitude [A]
-    short_force: np.ndarray  # (n,) see drive.emf_step [N]
-    emf_loop: np.ndarray  # (n,) [N]
-    heat: np.ndarray  # (n,) filtered square of the rms current [A^2]
-    thrust: np.ndarray  # (n,) mean of the last substep [N]
-    friction: np.ndarray  # (n,) mean of the last substep, against the motion [N]
-    counts: np.ndarray  # (n,) int64, the reading
+def _fields(**fields):
+    return np.dtype([(name, np.float64) for name in fields])
 
 
-class Parameters(NamedTuple):
-    """All that stays, except what start_cycle draws: `newton_per_ampere` and `coulomb`."""
+# What changes, a row a joint.
+AXIS_STATE = _fields(
+    position='what the scale moves by: rigid position plus deflections [m]',
+    speed='its rate [m/s]',
+    bristle='of the friction [m]',
+    command='computed, applied in the next tick [V]',
+    before='amplitude the current loop followed in the last tick [A]',
+    demand='and follows in this one [A]',
+    current='amplitude [A]',
+    short_force='see drive.emf_step [N]',
+    emf_loop='[N]',
+    heat='filtered square of the rms current [A^2]',
+    thrust='mean of the last substep [N]',
+    friction='mean of the last substep, against the motion [N]',
+)
 
-    rigid: np.ndarray  # of the dynamics kernel
-    extra_mass: np.ndarray  # (n,) [kg]
-    viscous: np.ndarray  # (n,) [N s/m]
-    newton_per_ampere: np.ndarray  # (n,) of amplitude
-    coulomb: np.ndarray  # (n,) [N]
-    contact: np.ndarray  # (contacts, 3): joint that is below, joint above (-1: the base), distance at touch [m]
-    encoder_offset: np.ndarray  # (n,) [m]
-    mode_table: np.ndarray  # (n, points over the travel, order, order + 2)
-    travel: np.ndarray  # (2, n) lower, upper end [m]
-    substeps: int
-    substep: float  # [s]
-    voltage_limit: float  # [V]
-    dac_step: float  # [V]
-    ampere_per_volt: float  # amplitude
-    continuous_current: float  # rms [A]
-    peak_current: float  # amplitude [A]
-    emf_damping: float  # under current control, 0 where the back EMF is left out [N s/m]
-    brake_damping: float  # with the phases shorted [N s/m]
-    heat_share: float  # sample time over thermal time
-    current_lag: float  # [s]
-    current_delay: float  # [s]
-    decay_delay: float  # exp(-duration / lag) of the current over the delay,
-    decay_rest: float  # over the rest of the first substep,
-    decay: float  # and over any other
-    decay_winding: float  # of the winding over a substep
-    ripple: float
-    cogging: float  # [N]
-    pitch: float  # [m]
-    breakaway: float
-    stribeck_speed: float  # [m/s]
-    bristle_stiffness: float  # [N/m]
-    bristle_damping: float  # [N s/m]
-    contact_stiffness: float  # [N/m]
-    contact_damping: float  # [s/m]
-    resolution: float  # [m/count]
-    signal_period: float  # [m]
-    subdivision_error: float  # [m]
-    encoder_latency: float  # [s]
+# What stays, a row a joint; start_cycle draws newton_per_ampere and coulomb anew.
+AXIS_PARAMETERS = _fields(
+    newton_per_ampere='of amplitude',
+    coulomb='[N]',
+    extra_mass='[kg]',
+    viscous='[N s/m]',
+    encoder_offset='[m]',
+    lower='end of the travel [m]',
+    upper='end of the travel [m]',
+)
 
-
-class Scratch(NamedTuple):
-    """Working arrays, their content of no meaning between ticks; `mode_matrices` are those of the present position."""
-
-    M: np.ndarray  # (m, m)
-    C: np.ndarray  # (m,)
-    G: np.ndarray  # (m,)
-    q: np.ndarray  # (m,) middle of the substep
-    qd: np.ndarray  # (m,)
-    force: np.ndarray  # (m,)
-    before: np.ndarray  # (n,) demand of the last tick [A]
-    mode_matrices: np.ndarray  # (n, order, order + 2)
-    mode: np.ndarray  # (order,)
+# What stays and is the same for all joints, one row.
+COMMON_PARAMETERS = _fields(
+    substep='[s]',
+    voltage_limit='[V]',
+    dac_step='[V]',
+    ampere_per_volt='amplitude',
+    continuous_current='rms [A]',
+    peak_current='amplitude [A]',
+    heat_share='sample time over thermal time',
+    current_lag='[s]',
+    current_delay='[s]',
+    decay_delay='exp(-duration / lag) of the current over the delay',
+    decay_rest='over the rest of the first substep',
+    decay='over any other substep',
+    decay_winding='exp(-substep R / L)',
+    emf_damping='force of shorted phases over speed, 0 where the back EMF is left out [N s/m]',
+    brake_damping='the same for the brake [N s/m]',
+    ripple='of the thrust',
+    cogging='[N]',
+    pitch='[m]',
+    breakaway='static over Coulomb friction',
+    stribeck_speed='[m/s]',
+    bristle_stiffness='[N/m]',
+    bristle_damping='[N s/m]',
+    contact_stiffness='[N/m]',
+    contact_damping='[s/m]',
+    resolution='[m/count]',
+    signal_period='[m]',
+    subdivision_error='[m]',
+    encoder_latency='[s]',
+)
 
 
 @njit(cache=True)
@@ -116,7 +106,7 @@ def rigid_terms(mechanism, q, qd, p, M, C, G):
 
 @njit(cache=True)
 def solve(M, b):
-    """Overwrite `b` with the solution of M x = b, M symmetric positive definite and overwritten by its Cholesky factor."""
+    """Overwrite `b` with the solution of M x = b; M, symmetric positive definite, becomes its Cholesky factor."""
     m = b.shape[0]
     for i in range(m):
         for j in range(i):
@@ -137,135 +127,170 @@ def solve(M, b):
 
 
 @njit(cache=True)
-def _take_commands(s, p, w, volts, amplifier_noise, shorted):
-    for i in range(volts.shape[0]):
-        applied = s.command[i]
-        s.command[i] = dac_output(volts[i], p.voltage_limit, p.dac_step)
-        w.before[i] = s.demand[i]
-        wanted = p.ampere_per_volt * (applied + amplifier_noise[i])
-        s.demand[i] = 0.0 if shorted else limited_current(wanted, s.heat[i], p.continuous_current, p.peak_current)
+def _take_command(axis, common, volts, noise, shorted):
+    applied = axis.command
+    axis.command = dac_output(volts, common.voltage_limit, common.dac_step)
+    axis.before = axis.demand
+    wanted = common.ampere_per_volt * (applied + noise)
+    limited = limited_current(wanted, axis.heat, common.continuous_current, common.peak_current)
+    axis.demand = 0.0 if shorted else limited
 
 
 @njit(cache=True)
-def _mean_current(s, p, w, i, first):
+def _mean_current(axis, common, first):
+    """Return the mean amplitude [A] over a substep; in the first of a tick the last demand still runs for the delay."""
+    h, lag = common.substep, common.current_lag
     if not first:
-        s.current[i], charge = current_step(s.current[i], s.demand[i], p.decay, p.current_lag, p.substep)
-        return charge / p.substep
-    rest = p.substep - p.current_delay
-    s.current[i], early = current_step(s.current[i], w.before[i], p.decay_delay, p.current_lag, p.current_delay)
-    s.current[i], late = current_step(s.current[i], s.demand[i], p.decay_rest, p.current_lag, rest)
-    return (early + late) / p.substep
+        axis.current, charge = current_step(axis.current, axis.demand, common.decay, lag, h)
+        return charge / h
+    delay = common.current_delay
+    axis.current, early = current_step(axis.current, axis.before, common.decay_delay, lag, delay)
+    axis.current, late = current_step(axis.current, axis.demand, common.decay_rest, lag, h - delay)
+    return (early + late) / h
 
 
 @njit(cache=True)
-def _axis_force(s, p, w, i, first, shorted):
-    """Return the force on carriage i but for contacts: thrust, friction, the explicit half of viscous friction."""
-    position, speed = w.q[i], w.qd[i]
-    current = _mean_current(s, p, w, i, first)
-    damping = p.brake_damping if shorted else p.emf_damping
-    s.short_force[i], s.emf_loop[i], emf = emf_step(
-        s.short_force[i], s.emf_loop[i], speed, damping, p.decay_winding, p.decay, shorted
-    )
-    s.thrust[i] = motor_thrust(current, position, p.newton_per_ampere[i], p.ripple, p.cogging, p.pitch) + emf
-    s.bristle[i], s.friction[i] = lugre_step(
-        s.bristle[i],
+def _axis_force(axis, parameters, common, position, speed, first, shorted):
+    """Return thrust less friction [N] over a substep with this position and speed in its middle."""
+    current = _mean_current(axis, common, first)
+    axis.short_force, axis.emf_loop, emf = emf_step(
+        axis.short_force,
+        axis.emf_loop,
         speed,
-        p.substep,
-        p.coulomb[i],
-        p.breakaway,
-        p.stribeck_speed,
-        p.bristle_stiffness,
-        p.bristle_damping,
+        common.brake_damping if shorted else common.emf_damping,
+        common.decay_winding,
+        common.decay,
+        shorted,
     )
-    return s.thrust[i] - s.friction[i] - p.viscous[i] * s.qd[i]
+    axis.thrust = emf + motor_thrust(
+        current, position, parameters.newton_per_ampere, common.ripple, common.cogging, common.pitch
+    )
+    axis.bristle, axis.friction = lugre_step(
+        axis.bristle,
+        speed,
+        common.substep,
+        parameters.coulomb,
+        common.breakaway,
+        common.stribeck_speed,
+        common.bristle_stiffness,
+        common.bristle_damping,
+    )
+    return axis.thrust - axis.friction
 
 
 @njit(cache=True)
-def _add_contacts(p, w):
-    """Add the contact forces to w.force; return the event of the last contact that touches, or 0."""
+def _add_contacts(contacts, common, q, qd, force):
+    """Add the contact forces to `force`; return the event of a contact that touches, or 0."""
     event = 0
-    for c in range(p.contact.shape[0]):
-        below, above = int(p.contact[c, 0]), int(p.contact[c, 1])
-        gap = (w.q[above] if above >= 0 else 0.0) - (w.q[below] if below >= 0 else 0.0)
-        opening = (w.qd[above] if above >= 0 else 0.0) - (w.qd[below] if below >= 0 else 0.0)
-        depth = p.contact[c, 2] - gap
+    for row in range(contacts.shape[0]):
+        below, above = int(contacts[row, 0]), int(contacts[row, 1])  # -1 is the base
+        gap = opening = 0.0
+        if above >= 0:
+            gap += q[above]
+            opening += qd[above]
+        if below >= 0:
+            gap -= q[below]
+            opening -= qd[below]
+        depth = contacts[row, 2] - gap
         if depth > 0.0:
-            force = contact_force(depth, -opening, p.contact_stiffness, p.contact_damping)
+            push = contact_force(depth, -opening, common.contact_stiffness, common.contact_damping)
             if above >= 0:
-                w.force[above] += force
+                force[above] += push
             if below >= 0:
-                w.force[below] -= force
-            event = c + 1
+                force[below] -= push
+            event = row + 1
     return event
 
 
 @njit(cache=True)
-def _move(s, p, w, mechanism, floor, first, shorted):
-    """Advance the rigid machine by a substep; return the event."""
-    n = s.current.shape[0]
-    h = p.substep
-    for i in range(s.q.shape[0]):
-        w.q[i] = s.q[i] + 0.5 * h * s.qd[i]
-        w.qd[i] = s.qd[i] + 0.5 * h * s.qdd[i]
-    rigid_terms(mechanism, w.q, w.qd, p.rigid, w.M, w.C, w.G)
-    for i in range(s.q.shape[0]):
-        w.force[i] = -w.C[i] - w.G[i]
-    for i in range(n):
-        w.force[i] += _axis_force(s, p, w, i, first, shorted)
-        w.M[i, i] += p.extra_mass[i] + 0.5 * h * p.viscous[i]
-    event = _add_contacts(p, w)
-    solve(w.M, w.force)
-    for i in range(n):
-        w.force[i] -= floor[i]  # the encoder moves with the floor: M (qdd + floor) = F
-    for i in range(s.q.shape[0]):
-        s.qdd[i] = w.force[i]
-        s.q[i] += h * (s.qd[i] + 0.5 * h * s.qdd[i])
-    return event
+def _bend(modes, steps, speed, acceleration):
+    for m in range(modes.shape[0]):
+        modes[m, 0], modes[m, 1] = mode_step(modes[m, 0], modes[m, 1], steps[m], speed, acceleration)
 
 
 @njit(cache=True)
-def _bend(s, p, w):
-    """Advance the modes over the same substep, then the speeds they started from."""
-    for i in range(s.current.shape[0]):
-        mode_step(s.modes[i], w.mode_matrices[i], s.qd[i], s.qdd[i], w.mode)
-    for i in range(s.q.shape[0]):
-        s.qd[i] += p.substep * s.qdd[i]
+def _read(axis, parameters, common, q, qd, modes, noise):
+    """Return the count the encoder gives now."""
+    axis.position, axis.speed = q, qd
+    for m in range(modes.shape[0]):
+        axis.position += modes[m, 0]
+        axis.speed += modes[m, 1]
+    seen = axis.position - common.encoder_latency * axis.speed + parameters.encoder_offset
+    return int(encoder_count(seen, common.resolution, common.signal_period, common.subdivision_error, noise))
 
 
 @njit(cache=True)
-def _read(s, p, encoder_noise):
-    for i in range(s.current.shape[0]):
-        bent, rate = deflection(s.modes[i])
-        s.joints[0, i] = s.q[i] + bent
-        s.joints[1, i] = s.qd[i] + rate
-        seen = s.joints[0, i] - p.encoder_latency * s.joints[1, i] + p.encoder_offset[i]
-        s.counts[i] = int(
-            encoder_count(seen, p.resolution, p.signal_period, p.subdivision_error, encoder_noise[i])
-        )
-
-
-@njit(cache=True)
-def advance(s, p, w, mechanism, volts, encoder_noise, amplifier_noise, floor, index, shorted):
+def advance(
+    motion, axes, modes, counts, mechanism, rigid, parameters, common_row, contacts, mode_table, scratch, steps, volts, noise,
+    row, substeps, shorted,
+):  # fmt: skip
     """
-    Advance the state `s` by one sample time and return the event; rows `index` of the noise blocks are used.
+    Advance the machine by one sample time; with a voltage that is not finite nothing changes.
 
-    `shorted` applies the brake instead of the drive. With a voltage that is not finite nothing changes (REFUSED).
+    Parameters
+    ----------
+    motion, axes, modes, counts : ndarray
+        The state: (3, m) rows Q, QD, QDD; (n,) AXIS_STATE; (n, k, 2) deflections [m] and rates [m/s]; (n,) int64.
+    mechanism : int
+        Index in MECHANISMS.
+    rigid, parameters, common_row, contacts, mode_table : ndarray
+        Of the dynamics kernel; (n,) AXIS_PARAMETERS; (1,) COMMON_PARAMETERS; (c, 3) joint below, joint above, distance
+        at touch; (n, points over the travel, k, STEP_SIZE).
+    scratch, steps : ndarray
+        Working arrays (m + 5, m) and (n, k, STEP_SIZE); `steps` are those of the present position.
+    volts : ndarray, shape (n,)
+        [V].
+    noise : ndarray, shape (3, ticks, n)
+        Rows ENCODER, AMPLIFIER, FLOOR; `row` is the tick used.
+    substeps : int
+    shorted : bool
+        The brake instead of the drive.
+
+    Returns
+    -------
+    event : int
+        0, REFUSED, or 1 + the row of the contact that touched first.
+
     """
-    for i in range(volts.shape[0]):
+    n, m = axes.shape[0], motion.shape[1]
+    common = common_row[0]
+    h = common.substep
+    M, C, G, q, qd, force = scratch[:m], scratch[m], scratch[m + 1], scratch[m + 2], scratch[m + 3], scratch[m + 4]
+    for i in range(n):
         if not math.isfinite(volts[i]):
             return REFUSED
-    _take_commands(s, p, w, volts, amplifier_noise[index], shorted)
-    points = p.mode_table.shape[1]
-    if points > 1:
-        for i in range(volts.shape[0]):
-            place = (s.q[i] - p.travel[0, i]) / (p.travel[1, i] - p.travel[0, i])
-            blend_matrices(p.mode_table[i], place, w.mode_matrices[i])
+    for i in range(n):
+        _take_command(axes[i], common, volts[i], noise[AMPLIFIER, row, i], shorted)
+        if mode_table.shape[1] > 1:
+            place = (motion[Q, i] - parameters[i].lower) / (parameters[i].upper - parameters[i].lower)
+            blend_steps(mode_table[i], place, steps[i])
+
     event = 0
-    for step in range(p.substeps):
-        touched = _move(s, p, w, mechanism, floor[index], step == 0, shorted)
+    for step in range(substeps):
+        for i in range(m):
+            q[i] = motion[Q, i] + 0.5 * h * motion[QD, i]
+            qd[i] = motion[QD, i] + 0.5 * h * motion[QDD, i]
+        rigid_terms(mechanism, q, qd, rigid, M, C, G)
+        for i in range(m):
+            force[i] = -C[i] - G[i]
+        for i in range(n):
+            viscous = parameters[i].viscous
+            force[i] += _axis_force(axes[i], parameters[i], common, q[i], qd[i], step == 0, shorted)
+            force[i] -= viscous * motion[QD, i]
+            M[i, i] += parameters[i].extra_mass + 0.5 * h * viscous
+        touched = _add_contacts(contacts, common, q, qd, force)
         event = touched if event == 0 else event
-        _bend(s, p, w)
-    for i in range(volts.shape[0]):
-        s.heat[i] += p.heat_share * (0.5 * s.current[i] * s.current[i] - s.heat[i])
-    _read(s, p, encoder_noise[index])
+        solve(M, force)  # now the acceleration
+        for i in range(n):
+            force[i] -= noise[FLOOR, row, i]  # scale and carriage stand on the same floor: M (qdd + floor) = F
+            _bend(modes[i], steps[i], motion[QD, i], force[i])
+        for i in range(m):
+            motion[QDD, i] = force[i]
+            motion[Q, i] += h * (motion[QD, i] + 0.5 * h * force[i])
+            motion[QD, i] += h * force[i]
+
+    for i in range(n):
+        axis = axes[i]
+        axis.heat += common.heat_share * (0.5 * axis.current * axis.current - axis.heat)
+        counts[i] = _read(axis, parameters[i], common, motion[Q, i], motion[QD, i], modes[i], noise[ENCODER, row, i])
     return event

@@ -114,7 +114,11 @@ class JointControllerNode(PkmNode):
         if sample.mode != EncoderSample.RUN or not self._loaded or sample.cycle != self._trajectory.cycle:
             return
         index = sample.index
-        voltage, error = self._controller.update(index, sample.position)
+        try:
+            voltage, error = self._controller.update(index, sample.position)
+        except PkmError as refusal:
+            self.get_logger().error(f'{self._encoder.topic_name}: {refusal}; not answered')
+            return
         command = self._command
         command.tick, command.cycle = sample.tick, sample.cycle
         command.voltage, command.error, command.feedforward = voltage, error, self._feedforward.item(index)

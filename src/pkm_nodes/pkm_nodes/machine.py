@@ -61,7 +61,7 @@ class MachineNode(PkmNode):
         machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
         seed = self.setting('seed', 1, 'seed of everything random in the machine')
         environment = self.setting('environment', 'nominal', 'ideal, nominal or hard (config/truth)')
-        self._answer_timeout = self.setting('answer_timeout', 2.0, '[s, wall] wait for the answers of a tick')
+        self._answer_timeout = self.setting('answer_timeout', 5.0, '[s, wall] wait for the answers of a tick')
         self._start_timeout = self.setting('start_timeout', 10.0, '[s, wall] wait for the other joints to load a cycle')
         self._wait_for_recorder = self.setting('wait_for_recorder', False, 'run no further ahead of the recorder than')
         self._window = self.setting('recorder_window', 400, '[ticks] this, so that no sample can be lost')

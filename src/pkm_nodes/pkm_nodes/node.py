@@ -1,16 +1,20 @@
 """What every node of the cell shares: its namespace, checked parameters, quality of service, and how it is run."""
 
 import sys
+from contextlib import suppress
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from pkm_core.errors import ConfigError, PkmError
 from pkm_nodes.lockstep import HotGroup, spin
+
+RCLError = rclpy_implementation.RCLError
 
 
 def reliable(depth):
@@ -66,13 +70,18 @@ def run(make_nodes, args=None):
     A configuration or parameter that is refused ends the process with one line and code 1.
     """
     rclpy.init(args=args)
+    nodes = []
     try:
-        spin(make_nodes())
+        nodes += make_nodes()
+        spin(nodes)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (PkmError, ParameterException) as error:
         print(error, file=sys.stderr)
         return 1
     finally:
-        rclpy.try_shutdown()
+        for node in nodes:
+            node.destroy_node()
+        with suppress(RCLError):  # the signal handler's thread may be faster
+            rclpy.try_shutdown()
     return 0

@@ -47,11 +47,12 @@ _TYPES = {
 
 
 class _Cycle:
-    """The recording of one cycle; messages wait until its first tick and its motion are known."""
+    """The recording of one cycle; messages wait until its first tick and both trajectories are there."""
 
     def __init__(self, number):
         self.number = number
-        self.motion = None
+        self.motion = 'motion'
+        self.trajectories = {}  # by topic; sent again every second until the cycle starts, the last one counts
         self.waiting = []  # (topic, data, tick or None for before the start)
         self.bag = None
         self.first_tick = self.last_tick = None
@@ -59,7 +60,12 @@ class _Cycle:
         self.expected = {}  # messages by topic, known once the cycle has ended
         self.ended = None  # wall time
 
+    def is_ready(self):
+        """Tell whether the bag can be opened: its name, its trajectories and its times are known."""
+        return self.first_tick is not None and len(self.trajectories) == 2
+
     def is_complete(self):
+        """Tell whether the cycle has ended and everything it must hold is in the bag."""
         return self.ended is not None and all(self.bag.counts[t] >= count for t, count in self.expected.items())
 
 
@@ -147,11 +153,10 @@ class RecorderNode(PkmNode):
     def _on_trajectory(self, topic, data):
         trajectory = deserialize_message(data, SampledTrajectoryMessage)
         cycle = self._cycle(trajectory.cycle)
-        if cycle.bag is None:
-            # sent again every second until the cycle starts; the last one counts
-            cycle.waiting = [entry for entry in cycle.waiting if entry[0] != topic]
-            cycle.motion = trajectory.motion
-            self._put(cycle, topic, data, None)
+        cycle.motion = trajectory.motion
+        cycle.trajectories[topic] = data
+        if cycle.is_ready():
+            self._flush(cycle)
 
     def _on_event(self, topic, data):
         event = deserialize_message(data, CycleEvent)
@@ -166,7 +171,8 @@ class RecorderNode(PkmNode):
             cycle.expected = self._expected(cycle, event)
             cycle.ended = monotonic()
             self._report_progress()
-            self._flush(cycle)
+            if cycle.is_ready():
+                self._flush(cycle)
 
     def _expected(self, cycle, event):
         """Return how many messages of each topic this cycle must have, from the machine's own account of it."""
@@ -177,6 +183,7 @@ class RecorderNode(PkmNode):
             _TYPES[EncoderSample]: ticks,
             _TYPES[MotorCommand]: event.samples,
             _TYPES[CycleMetrics]: int(finished),
+            _TYPES[SampledTrajectoryMessage]: 1,
             _TYPES[PoseStamped]: states,
             _TYPES[JointState]: states,
         }
@@ -185,13 +192,13 @@ class RecorderNode(PkmNode):
     def _cycle(self, number):
         """Return the recording of cycle `number`; an older one that never started is given up."""
         if number not in self._cycles:
-            self._cycles = {n: cycle for n, cycle in self._cycles.items() if cycle.bag is not None}
+            self._cycles = {n: cycle for n, cycle in self._cycles.items() if cycle.first_tick is not None}
             self._cycles[number] = _Cycle(number)
         return self._cycles[number]
 
     def _put(self, cycle, topic, data, tick):
         cycle.waiting.append((topic, data, tick))
-        if cycle.first_tick is not None and (cycle.motion is not None or cycle.ended is not None):
+        if cycle.is_ready():
             self._flush(cycle)
 
     def _flush(self, cycle):
@@ -213,16 +220,20 @@ class RecorderNode(PkmNode):
             self.get_logger().error(f'recording has stopped: {self._folder}: {error}')
 
     def _open(self, cycle):
-        motion = cycle.motion or 'motion'
-        metadata = {'motion': motion, 'cycle': str(cycle.number), 'sample_time': repr(self._sample_time)}
-        name = f'{motion}_{cycle.number:04d}_{datetime.now():%Y%m%dT%H%M%S}'
-        return BagWriter(self._folder / name, self._topics, metadata)
+        metadata = {'motion': cycle.motion, 'cycle': str(cycle.number), 'sample_time': repr(self._sample_time)}
+        name = f'{cycle.motion}_{cycle.number:04d}_{datetime.now():%Y%m%dT%H%M%S}'
+        bag = BagWriter(self._folder / name, self._topics, metadata)
+        for topic, data in cycle.trajectories.items():
+            bag.write(topic, data, nanoseconds_of_tick(cycle.first_tick, self._sample_time))
+        return bag
 
     def _close_late(self):
         """Close a cycle whose stragglers have not come; what is missing is said."""
         for number, cycle in list(self._cycles.items()):
-            if cycle.bag is not None and cycle.ended is not None and monotonic() - cycle.ended > _STRAGGLERS:
-                self._close(self._cycles.pop(number))
+            if cycle.ended is not None and monotonic() - cycle.ended > _STRAGGLERS:
+                self._flush(cycle)
+                if number in self._cycles and not self._broken:
+                    self._close(self._cycles.pop(number))
 
     def _close(self, cycle):
         lost = {
@@ -233,6 +244,8 @@ class RecorderNode(PkmNode):
         if lost:
             self.get_logger().error(f'cycle {cycle.number}: messages missing in {cycle.bag.path}: {lost}')
         cycle.bag.close({'expected': json.dumps(cycle.expected)})
+        if not self.context.ok():  # stopped in the middle: the bag is whole, but there is nobody to tell
+            return
         path, total = str(cycle.bag.path.resolve()), cycle.bag.counts.total()
         self._events.publish(CycleEvent.RECORDED, cycle.number, tick=cycle.last_tick, samples=total, message=path)
 

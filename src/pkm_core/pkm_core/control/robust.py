@@ -114,6 +114,8 @@ class RobustController:
         ])  # fmt: skip
         self._state = np.empty(7)  # integral, derivative, previous error, lag (2), notch (2)
         self.reset()
+        # numba compiles, or loads what it has compiled, at the first call: here, not in the first tick
+        _step(0, 0.0, np.zeros(1), np.zeros(1), self._parameters, self._state.copy())
 
     def reset(self):
         """Forget everything: no cycle is loaded and the axis is taken to be at rest."""
@@ -142,9 +144,10 @@ class RobustController:
                 raise PkmError(f'cycle: {name} is {row[index]} at sample {index}; expected a finite number')
         position, velocity, acceleration, jerk, learned = rows
         kv, ka, kj = self.feedforward_gains
-        self._samples = samples
-        self._reference = position
-        self._feedforward = kv * velocity + ka * acceleration + kj * jerk + learned
+        feedforward = kv * velocity + ka * acceleration + kj * jerk + learned
+        # cycles repeat: after the last sample the old feedforward would have gone on with its first one
+        self._state[0] += (self._feedforward[0] if self._samples else 0.0) - feedforward[0]
+        self._samples, self._reference, self._feedforward = samples, position, feedforward
 
     def update(self, index, measured):
         """

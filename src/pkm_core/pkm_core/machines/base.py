@@ -16,6 +16,7 @@ PositiveLength = Annotated[Length, Field(gt=0)]
 NotNegativeLength = Annotated[Length, Field(ge=0)]
 PositiveMass = Annotated[Mass, Field(gt=0)]
 PositiveInertia = Annotated[Inertia, Field(gt=0)]
+
 ROUNDING = 1e-9  # m; the inverse of a pose on a limit may round to either side of it
 
 

@@ -1,4 +1,4 @@
-"""What config/machines/four_dof.yaml may say; link numbers as in the thesis (Fig. 2.1, Table 6.1)."""
+"""What config/machines/four_dof.yaml may say; link numbers as in the thesis (Table 6.1)."""
 
 import math
 from typing import Literal
