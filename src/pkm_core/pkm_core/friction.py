@@ -1,8 +1,9 @@
 """
-Friction of one guide: LuGre bristles with Stribeck curve (Canudas de Wit et al., 1995).
+Friction of one guide: elasto-plastic bristles with Stribeck curve (Dupont, Hayward, Armstrong, Altpeter, 2002).
 
-Below breakaway the carriage sits on a spring of some N/mm, so it sticks within micrometres and creeps, as rolling guides
-do; with `breakaway` 1 and no damping it is Dahl's model. Viscous friction is part of the rigid model.
+LuGre's model, but bristles that bend by less than a share of their steady bend do so elastically: a carriage at rest sits
+on a spring of some 50 N/mm and stays where it is, where LuGre and Dahl creep away under vibration and a constant load.
+Beyond, up to breakaway, it creeps by micrometres, as rolling guides do. Viscous friction is part of the rigid model.
 """
 
 import math
@@ -11,18 +12,38 @@ from numba import njit
 
 
 @njit(cache=True)
-def lugre_step(bristle, speed, duration, coulomb, breakaway, stribeck_speed, stiffness, damping):
+def bristle_step(bristle, speed, duration, coulomb, breakaway, stribeck_speed, stiffness, damping, elastic):
     """
     Return (bristle deflection [m], mean force against the motion [N]) after `duration` at constant `speed`.
 
-    The deflection z' = v - stiffness |v| / g(v) z is integrated exactly, so no step size makes it chatter; g runs from
-    breakaway * coulomb at rest to coulomb. The bristle damping fades with the same curve, which keeps the model passive.
+    z' = v (1 - alpha(z, v) z / z_s), stiffness |z_s| = coulomb (1 + (breakaway - 1) exp(-(v / stribeck_speed)^2)), z_s with
+    the sign of v. alpha rises from 0 at z = elastic z_s to 1 at z_s, and is 0 while the bristles swing back. Integrated
+    with alpha of the middle of the step and bounded by z_s, so no step size makes it chatter. The `damping` of the
+    bristles fades with the Stribeck curve, which keeps the model passive.
     """
     if coulomb <= 0.0:
         return 0.0, 0.0
     ratio = speed / stribeck_speed
     curve = math.exp(-ratio * ratio)
-    level = coulomb * (1.0 + (breakaway - 1.0) * curve)
-    steady = math.copysign(level / stiffness, speed)
-    reached = steady + (bristle - steady) * math.exp(-stiffness * abs(speed) * duration / level)
-    return reached, 0.5 * stiffness * (bristle + reached) + damping * curve * (reached - bristle) / duration
+    steady = coulomb * (1.0 + (breakaway - 1.0) * curve) / stiffness
+    forward = math.copysign(1.0, speed)  # in the following z counts along the motion
+    start = forward * bristle
+    travelled = abs(speed) * duration
+    alpha = _plastic_share((start + 0.5 * travelled) / steady, elastic)
+    if alpha > 0.0:
+        decay = math.exp(-alpha * travelled / steady)
+        end = steady / alpha + (start - steady / alpha) * decay
+    else:
+        end = start + travelled
+    end = min(end, max(start, steady))
+    force = 0.5 * stiffness * (start + end) + damping * curve * (end - start) / duration
+    return forward * end, forward * force
+
+
+@njit(cache=True)
+def _plastic_share(bend, elastic):
+    if bend <= elastic:
+        return 0.0
+    if bend >= 1.0:
+        return 1.0
+    return 0.5 - 0.5 * math.cos(math.pi * (bend - elastic) / (1.0 - elastic))

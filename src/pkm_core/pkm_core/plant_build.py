@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pkm_core.drive import shorted_damping
+from pkm_core.drive import motor_thrust, shorted_damping
 from pkm_core.errors import ConfigError
 from pkm_core.flexible import STEP_SIZE, mode_steps
 from pkm_core.plant_tick import AXIS_PARAMETERS, AXIS_STATE, COMMON_PARAMETERS, MECHANISMS, Q, rigid_terms
@@ -33,7 +33,7 @@ class PlantArrays:
 
 def build(machine, truth, levels, assembly):
     """
-    Return the `PlantArrays` of a machine at rest, home by its encoders; friction and belts carry gravity if they can.
+    Return the `PlantArrays` of a machine at rest, home by its encoders; friction and belts carry gravity and cogging if they can.
 
     Parameters
     ----------
@@ -56,9 +56,12 @@ def build(machine, truth, levels, assembly):
     gravity = _settle_belts(motion[Q], n, mechanism, rigid, scratch, truth.belts)
     axes = np.zeros(n, AXIS_STATE)
     axes['position'] = motion[Q, :n]
-    sticks = common['breakaway'] * parameters['coulomb']
-    axes['friction'] = np.clip(-gravity, -sticks, sticks)
-    axes['bristle'] = axes['friction'] / common['bristle_stiffness']
+    no_current = [
+        motor_thrust(0.0, position, 0.0, levels.ripple, levels.cogging, truth.drive.pitch) for position in motion[Q, :n]
+    ]
+    sticks = truth.friction.breakaway * parameters['coulomb']
+    axes['friction'] = np.clip(no_current - gravity, -sticks, sticks)
+    axes['bristle'] = axes['friction'] / truth.friction.stiffness
     return PlantArrays(
         motion=motion,
         axes=axes,
@@ -103,6 +106,7 @@ def _common(machine, truth, levels):
         'stribeck_speed': friction.stribeck_speed,
         'bristle_stiffness': friction.stiffness,
         'bristle_damping': friction.damping,
+        'elastic': friction.elastic,
         'contact_stiffness': truth.stops.stiffness,
         'contact_damping': truth.stops.damping,
         'resolution': machine.encoder_resolution,

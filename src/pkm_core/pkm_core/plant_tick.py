@@ -18,7 +18,7 @@ from pkm_core.drive import current_step, dac_output, emf_step, limited_current, 
 from pkm_core.dynamics import four_dof_terms, planar_terms, xy_stage_terms
 from pkm_core.encoder import encoder_count
 from pkm_core.flexible import blend_steps, mode_step
-from pkm_core.friction import lugre_step
+from pkm_core.friction import bristle_step
 from pkm_core.stops import contact_force
 
 MECHANISMS = ('planar', 'xy_stage', 'four_dof', 'four_dof_belts')  # those rigid_terms knows, by index
@@ -82,6 +82,7 @@ COMMON_PARAMETERS = _fields(
     stribeck_speed='[m/s]',
     bristle_stiffness='[N/m]',
     bristle_damping='[N s/m]',
+    elastic='share of the bend at breakaway',
     contact_stiffness='[N/m]',
     contact_damping='[s/m]',
     resolution='[m/count]',
@@ -165,7 +166,7 @@ def _axis_force(axis, parameters, common, position, speed, first, shorted):
     axis.thrust = emf + motor_thrust(
         current, position, parameters.newton_per_ampere, common.ripple, common.cogging, common.pitch
     )
-    axis.bristle, axis.friction = lugre_step(
+    axis.bristle, axis.friction = bristle_step(
         axis.bristle,
         speed,
         common.substep,
@@ -174,6 +175,7 @@ def _axis_force(axis, parameters, common, position, speed, first, shorted):
         common.stribeck_speed,
         common.bristle_stiffness,
         common.bristle_damping,
+        common.elastic,
     )
     return axis.thrust - axis.friction
 

@@ -1,10 +1,10 @@
 """What a run of motion cycles has shown: results as data, as a table and as a picture."""
 
 from collections import Counter
-from dataclasses import asdict
 from math import isnan
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from pkm_core.thesis import REPORTED
@@ -37,33 +37,38 @@ def messages(records):
 
 
 def cycles_table(machine_name, records):
-    """Return the table of first against last cycle, beside the thesis's figures."""
-    first, last = cycle_figures(records[0]), cycle_figures(records[-1])
-    table = Table(
-        title=f'{records[0].motion}: cycle {records[0].cycle} | cycle {records[-1].cycle}'
-        f' ({records[-1].learning_law}); thesis: robust | after learning',
-        title_justify='left',
+    """Return the table of first against last cycle, each beside what the thesis reports for its machine."""
+    table = Table(title=f'{records[0].motion}, learning law {records[-1].learning_law}', title_justify='left')
+    headings = (
+        *('axis', 'cycle', 'max dynamic\nerror [um]', 'settling to\n5 um [ms]', 'to 1 um\n[ms]', 'steady\nstate [um]'),
+        'thesis: error [um],\nsettling [ms]',
     )
-    for heading in ('axis', 'max dynamic error', 'thesis', 'settling to 5 um', 'thesis', 'settling to 1 um', 'steady state'):
-        table.add_column(heading, justify='left' if heading == 'axis' else 'right')
+    for heading in headings:
+        table.add_column(escape(heading), justify='left' if heading == 'axis' else 'right')
     reported = REPORTED.get(machine_name, {})
+    first, last = cycle_figures(records[0]), cycle_figures(records[-1])
     for joint in records[0].joints:
-        before, after = first[joint], last[joint]
-        thesis = asdict(reported[joint]) if joint in reported else {}
-        table.add_row(
-            joint,
-            _pair(before['max_dynamic_error_um'], after['max_dynamic_error_um'], 'um'),
-            _pair(thesis.get('robust_error'), thesis.get('learned_error'), 'um', lost='-'),
-            _pair(before['settling_5um_ms'], after['settling_5um_ms'], 'ms'),
-            _pair(thesis.get('robust_settling'), thesis.get('learned_settling'), 'ms', lost='-'),
-            _pair(before['settling_1um_ms'], after['settling_1um_ms'], 'ms'),
-            _pair(before['steady_state_error_um'], after['steady_state_error_um'], 'um', digits=2),
+        thesis = reported.get(joint)
+        rows = (
+            (records[0], first[joint], 'robust', thesis and (thesis.robust_error, thesis.robust_settling)),
+            (records[-1], last[joint], 'learned', thesis and (thesis.learned_error, thesis.learned_settling)),
         )
+        for record, figures, control, theirs in rows[: len(records)]:
+            table.add_row(
+                joint if record is records[0] else '',
+                str(record.cycle),
+                f'{figures["max_dynamic_error_um"]:.1f}',
+                _or_never(figures['settling_5um_ms']),
+                _or_never(figures['settling_1um_ms']),
+                f'{figures["steady_state_error_um"]:.2f}',
+                f'{control} {theirs[0]:5.1f}, {"lost" if theirs[1] is None else theirs[1]:>4}' if theirs else '',
+                end_section=record is records[-1],
+            )
     return table
 
 
-def _pair(before, after, unit, *, digits=1, lost='never'):
-    return ' | '.join(lost if v is None else f'{v:.{digits}f}' for v in (before, after)) + f' {unit}'
+def _or_never(value):
+    return 'never' if value is None else f'{value:.1f}'
 
 
 def plot_cycles(records, path):

@@ -63,10 +63,11 @@ class Drive(Config):
 
 
 class Friction(Config):
-    """LuGre friction of one guide; the Coulomb force itself is set by the environment."""
+    """Presliding and Stribeck curve of one guide (friction.py); the Coulomb force is set by the environment."""
 
-    stiffness: Annotated[quantity('N/m'), Field(gt=0.0)]  # sigma_0, presliding
-    damping: Annotated[quantity('N s/m'), Field(ge=0.0)]  # sigma_1, presliding
+    stiffness: Annotated[quantity('N/m'), Field(gt=0.0)]  # presliding
+    damping: Annotated[quantity('N s/m'), Field(ge=0.0)]  # presliding
+    elastic: Annotated[Number, Field(gt=0.0, lt=1.0)]  # share of the bend at breakaway below which nothing creeps
     breakaway: Annotated[Number, Field(ge=1.0)]  # static over Coulomb force
     stribeck_speed: Annotated[Speed, Field(gt=0.0)]
 

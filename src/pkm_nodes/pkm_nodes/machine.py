@@ -179,9 +179,9 @@ class MachineNode(PkmNode):
 
     def _watch(self):
         """Find out, in wall time, whom the cell is waiting for."""
-        waited = monotonic() - self._waiting_since
         if self._loaded and not self._running:
             self._start_if_complete()
+        waited = monotonic() - self._waiting_since
         if self._running and waited > self._answer_timeout:
             where = f'tick {self._tick} (cycle {self._cycle}, sample {self._index})'
             if self._held:

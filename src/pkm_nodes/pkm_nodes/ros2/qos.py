@@ -68,7 +68,7 @@ def _match_publishers(profile, publishers):
         offered = [getattr(publisher.qos_profile, name) == strong for publisher in publishers]
         setattr(profile, name, strong if all(offered) else weak)
         if any(offered) and not all(offered):
-            policy = type(strong).__name__
+            policy = f'QoS{name.capitalize()}Policy'
             print(
                 f'Some, but not all, publishers are offering {policy}.{strong.name}. '
                 f'Falling back to {policy}.{weak.name} as it will connect to all publishers'

@@ -13,7 +13,7 @@ POLL = 0.1  # [s] a signal is answered within this time
 TOPIC_HELP = "Name of the ROS topic to listen to (e.g. '/chatter')"
 NODE_PREFIX = '_ros2cli'  # the underscore keeps these nodes out of `node list`
 
-KIND_PARTS = {  # what makes a Python class an interface of that kind
+KINDS = {  # what makes a Python class an interface of that kind
     'msg': ('message', ['SLOT_TYPES']),
     'srv': ('service', ['Request', 'Response']),
     'action': ('action', ['Goal', 'Result', 'Feedback']),
@@ -61,13 +61,15 @@ def number(kind, accepts, wanted):
 
 def find_interface(type_name, kind):
     """Return the Python class of 'package/Name' or 'package/kind/Name'; kind is msg, srv or action."""
-    word, parts = KIND_PARTS[kind]
-    package, *namespaces, name = type_name.split('/')
+    word, members = KINDS[kind]
+    parts = type_name.split('/')
+    if len(parts) == 2:
+        parts.insert(1, kind)
     try:
-        interface = getattr(importlib.import_module('.'.join([package, *(namespaces or [kind])])), name)
+        interface = getattr(importlib.import_module('.'.join(parts[:-1])), parts[-1])
     except (AttributeError, ImportError, TypeError, ValueError):
         interface = None
-    if not all(hasattr(interface, part) for part in parts):
+    if not all(hasattr(interface, member) for member in members):
         raise RuntimeError(f'The passed {word} type is invalid')
     return interface
 
