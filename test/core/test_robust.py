@@ -45,6 +45,7 @@ def test_update_equals_the_law_written_with_scipy_filters():
     rng = np.random.default_rng(1)
     position, measured = 0.08 + 1e-4 * rng.standard_normal((2, 500))
     velocity, acceleration, jerk, learned = rng.standard_normal((4, 500)) * [[0.1], [8.0], [800.0], [0.2]]
+    velocity[0] = acceleration[0] = jerk[0] = learned[0] = 0.0  # a cycle begins at rest
     axis = controller(limit=1e3)
     axis.load(position, velocity, acceleration, jerk, learned)
     voltage, error = run(axis, measured)
@@ -71,9 +72,10 @@ def test_update_returns_python_floats():
 
 def test_learned_voltage_reaches_the_output_through_filters_of_unit_gain():
     axis = controller()
-    load(axis, np.full(200, 0.08), learned=np.full(200, 0.5))
+    load(axis, np.full(200, 0.08), learned=np.repeat([0.0, 0.5], 100))
     voltage, _ = run(axis, np.full(200, 0.08))
-    assert voltage[0] < 0.45
+    assert voltage[99] == 0.0
+    assert 0.0 < voltage[100] < 0.45
     assert voltage[-1] == pytest.approx(0.5, rel=1e-9)
 
 
@@ -119,6 +121,17 @@ def test_next_cycle_continues_without_a_jump():
     load(halves, np.full(150, 0.08))
     second, _ = run(halves, measured[150:])
     np.testing.assert_array_equal(np.concatenate([first, second]), expected)
+
+
+def test_another_level_of_feedforward_does_not_move_a_resting_axis():
+    measured = 0.08 + 1e-6 * np.random.default_rng(2).standard_normal(300)
+    changing, steady = controller(), controller()
+    load(changing, np.full(150, 0.08), learned=np.full(150, 0.1))
+    first, _ = run(changing, measured[:150])
+    load(changing, np.full(150, 0.08), learned=np.full(150, -0.4))
+    second, _ = run(changing, measured[150:])
+    load(steady, np.full(300, 0.08))
+    np.testing.assert_allclose(np.concatenate([first, second]), run(steady, measured)[0], atol=1e-12)
 
 
 def test_reset_forgets_the_past():

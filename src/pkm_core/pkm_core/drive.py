@@ -55,17 +55,24 @@ def motor_thrust(current, position, newton_per_ampere, ripple, cogging, pitch):
 
 
 @njit(cache=True)
-def emf_step(short_force, loop_state, speed, damping, winding_decay, loop_decay, shorted):
+def emf_step(short_force, loop_force, speed, damping, winding, winding_decay, loop, loop_decay, duration, shorted):
     """
-    Return (short_force, loop_state, force [N]) after a substep at constant `speed`: what the back EMF does to the thrust.
+    Return (short_force, loop_force, mean force [N]) after `duration` at constant `speed`: what the back EMF does.
 
-    With the phases shorted the EMF drives a current through the winding: a force -`damping` v behind the lag L/R. Under
-    current control the loop rejects it: from (6.1) with (6.2), I/E = -s tau / (R (1 + s L/R)(1 + s tau)), i.e. the same
-    force through a high-pass at the bandwidth of the loop. Seen from the carriage that is `damping` tau of extra mass (2 g).
+    With the phases shorted the EMF drives a current through the winding: a force -damping v behind the lag L/R. Under
+    current control the loop rejects it; from (6.1), (6.2) with unit feedback I/E = -s tau / (R (1 + s L/R) (1 + s tau)): the
+    same force through a high-pass at the bandwidth of the loop. Seen from the carriage that is damping * tau, 2 g of mass.
+    `winding` and `loop` are the time constants L/R and tau [s], the decays exp(-duration / time constant).
     """
-    short_force = damping * speed + (short_force - damping * speed) * winding_decay
-    loop_state = short_force + (loop_state - short_force) * loop_decay
-    return short_force, loop_state, -short_force if shorted else loop_state - short_force
+    drag = damping * speed
+    short_end = drag + (short_force - drag) * winding_decay
+    slope = (short_end - short_force) / duration  # what the loop follows is taken as a ramp
+    loop_end = short_end - slope * loop + (loop_force - short_force + slope * loop) * loop_decay
+    if shorted:
+        mean = winding * (short_end - short_force) / duration - drag
+    else:
+        mean = -loop * (loop_end - loop_force) / duration
+    return short_end, loop_end, mean
 
 
 def shorted_damping(thrust_per_ampere, resistance):

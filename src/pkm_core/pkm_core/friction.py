@@ -29,14 +29,20 @@ def bristle_step(bristle, speed, duration, coulomb, breakaway, stribeck_speed, s
     forward = math.copysign(1.0, speed)  # in the following z counts along the motion
     start = forward * bristle
     travelled = abs(speed) * duration
-    alpha = _plastic_share((start + 0.5 * travelled) / steady, elastic)
-    if alpha > 0.0:
-        decay = math.exp(-alpha * travelled / steady)
-        end = steady / alpha + (start - steady / alpha) * decay
-    else:
-        end = start + travelled
-    end = min(end, max(start, steady))
-    force = 0.5 * stiffness * (start + end) + damping * curve * (end - start) / duration
+    rate = _plastic_share(start / steady, elastic) / steady  # per metre travelled
+    middle = start + 0.5 * travelled * (1.0 - rate * start)
+    rate = _plastic_share(middle / steady, elastic) / steady
+    end = start + travelled
+    if rate > 0.0:
+        end = start - (1.0 / rate - start) * math.expm1(-rate * travelled)
+    if rate * travelled > 1e-3:
+        mean = (1.0 - (end - start) / travelled) / rate
+    else:  # the same to 1e-7, without its cancellation
+        mean = 0.5 * (start + end)
+    if end > max(start, steady):
+        end = max(start, steady)
+        mean = 0.5 * (start + end)
+    force = stiffness * mean + damping * curve * (end - start) / duration
     return forward * end, forward * force
 
 

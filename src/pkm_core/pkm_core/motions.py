@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from pkm_core.config import Angle, Config, Length, Time, config_folder, find_config, load_config, read_yaml
 from pkm_core.errors import TrajectoryError, WorkspaceError
 from pkm_core.jet import Jet
-from pkm_core.trajectory import DERIVATIVES, SampledTrajectory, checked, unit_profile, with_derivatives
+from pkm_core.trajectory import DERIVATIVES, SampledTrajectory, checked_joints, unit_profile, with_derivatives
 
 
 class Pose(Config):
@@ -90,7 +90,7 @@ def plan(machine, motion):
     """
     if motion.machine != machine.name:
         raise TrajectoryError(f'motion is for {motion.machine}; the machine is {machine.name}')
-    joints = checked(machine, _joint_trajectory(machine, motion))
+    joints = checked_joints(machine, _joint_trajectory(machine, motion))
     return with_derivatives(joints, machine.coordinates, machine.forward(Jet.from_derivatives(*joints.derivatives())))
 
 

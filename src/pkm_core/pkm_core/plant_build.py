@@ -82,6 +82,7 @@ def _common(machine, truth, levels):
     drive, friction, h = truth.drive, truth.friction, truth.substep
     nominal = machine.config.drive
     lag = 1.0 / (2.0 * math.pi * drive.bandwidth)
+    winding = drive.inductance / drive.resistance
     brake = shorted_damping(machine.thrust_per_volt / nominal.amplifier_gain, drive.resistance)
     values = {
         'substep': h,
@@ -96,7 +97,8 @@ def _common(machine, truth, levels):
         'decay_delay': math.exp(-drive.delay / lag),
         'decay_rest': math.exp(-(h - drive.delay) / lag),
         'decay': math.exp(-h / lag),
-        'decay_winding': math.exp(-h * drive.resistance / drive.inductance),
+        'winding': winding,
+        'decay_winding': math.exp(-h / winding),
         'emf_damping': brake if levels.back_emf else 0.0,
         'brake_damping': brake,
         'ripple': levels.ripple,

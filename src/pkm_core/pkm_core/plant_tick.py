@@ -41,7 +41,7 @@ AXIS_STATE = _fields(
     demand='and follows in this one [A]',
     current='amplitude [A]',
     short_force='see drive.emf_step [N]',
-    emf_loop='[N]',
+    loop_force='see drive.emf_step [N]',
     heat='filtered square of the rms current [A^2]',
     thrust='mean of the last substep [N]',
     friction='mean of the last substep, against the motion [N]',
@@ -72,7 +72,8 @@ COMMON_PARAMETERS = _fields(
     decay_delay='exp(-duration / lag) of the current over the delay',
     decay_rest='over the rest of the first substep',
     decay='over any other substep',
-    decay_winding='exp(-substep R / L)',
+    winding='L / R of the winding [s]',
+    decay_winding='exp(-substep / winding)',
     emf_damping='force of shorted phases over speed, 0 where the back EMF is left out [N s/m]',
     brake_damping='the same for the brake [N s/m]',
     ripple='of the thrust',
@@ -154,13 +155,16 @@ def _mean_current(axis, common, first):
 def _axis_force(axis, parameters, common, position, speed, first, shorted):
     """Return thrust less friction [N] over a substep with this position and speed in its middle."""
     current = _mean_current(axis, common, first)
-    axis.short_force, axis.emf_loop, emf = emf_step(
+    axis.short_force, axis.loop_force, emf = emf_step(
         axis.short_force,
-        axis.emf_loop,
+        axis.loop_force,
         speed,
         common.brake_damping if shorted else common.emf_damping,
+        common.winding,
         common.decay_winding,
+        common.current_lag,
         common.decay,
+        common.substep,
         shorted,
     )
     axis.thrust = emf + motor_thrust(

@@ -105,7 +105,7 @@ def to_joints(machine, trajectory):
         raise TrajectoryError(f'trajectory: coordinates {trajectory.coordinates}; expected {machine.coordinates}')
     machine.check_pose(trajectory.position)
     joints = machine.inverse(Jet.from_derivatives(*trajectory.derivatives()))
-    return checked(machine, with_derivatives(trajectory, machine.joints, joints))
+    return checked_joints(machine, with_derivatives(trajectory, machine.joints, joints))
 
 
 def with_derivatives(trajectory, coordinates, jet):
@@ -115,7 +115,7 @@ def with_derivatives(trajectory, coordinates, jet):
     )
 
 
-def checked(machine, trajectory):
+def checked_joints(machine, trajectory):
     """Return the joint `trajectory` if `machine` may run it; errors as `to_joints`."""
     if trajectory.sample_time != machine.sample_time:
         raise TrajectoryError(

@@ -1,6 +1,7 @@
 """A client of the cell for scripts: waits until it is up, runs a motion, keeps the account of its cycles."""
 
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from time import monotonic
 
@@ -17,6 +18,8 @@ from pkm_nodes.node import PkmNode
 
 # [s, wall] starting ten processes on a busy two-core machine took 20 s; the rest is reserve
 _UP_TIMEOUT = 90.0
+# [s, wall] from the death of a process to the end of the goal: the machine's answer_timeout and some reserve
+_SAFE_STOP_TIMEOUT = 15.0
 # [s, wall] from the last tick to the closed bag
 _RECORDED_TIMEOUT = 10.0
 
@@ -96,7 +99,12 @@ class CellClient:
         sent = self._client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
         self._spin_until(sent.done, check, _UP_TIMEOUT, 'the cell did not answer the goal')
         result = sent.result().get_result_async()
-        self._spin_until(result.done, check, float('inf'), '')
+        try:
+            self._spin_until(result.done, check, inf, '')
+        except PkmError as death:
+            # a machine that misses the answers of a process that has ended stops safely, and says so
+            self._spin_until(result.done, lambda: None, _SAFE_STOP_TIMEOUT, f'{death}\nand the goal did not end')
+            raise PkmError(f'{death}\n{result.result().result.message}') from None
         answer = result.result()
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             raise PkmError(f'after {answer.result.cycles_completed} of {cycles} cycles: {answer.result.message}')

@@ -45,24 +45,29 @@ class CellProcesses:
         self._logs.mkdir(parents=True, exist_ok=True)
         if arrangement == 'composed':
             own = {'machine': machine, 'seed': seed, 'environment': environment, 'folder': str(bags)}
-            self._specs = [NodeSpec('cell', 'cell', own)]
+            specs = [NodeSpec('cell', 'cell', own)]
         else:
-            self._specs = cell_nodes(machine, seed=seed, environment=environment, folder=bags)
+            specs = cell_nodes(machine, seed=seed, environment=environment, folder=bags)
+        self._specs = {spec.name: spec for spec in specs}
         self.processes = {}
 
     def __enter__(self):
-        executables = _executables()
-        for spec in self._specs:
-            with (self._logs / f'{spec.name}.log').open('w') as log:
-                self.processes[spec.name] = subprocess.Popen(
-                    [executables / spec.executable, *spec.arguments({'use_sim_time': True})],
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                    # a Ctrl-C in the terminal is for the one who leads; the cell is stopped in order afterwards
-                    start_new_session=True,
-                )
+        for name in self._specs:
+            self.start(name)
         return self
+
+    def start(self, name):
+        """Start the process `name`, for the first time or again."""
+        spec = self._specs[name]
+        with (self._logs / f'{name}.log').open('a') as log:
+            self.processes[name] = subprocess.Popen(
+                [_executables() / spec.executable, *spec.arguments({'use_sim_time': True})],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                # a Ctrl-C in the terminal is for the one who leads; the cell is stopped in order afterwards
+                start_new_session=True,
+            )
 
     def __exit__(self, *_):
         for process in self.processes.values():

@@ -47,10 +47,10 @@ class _Models(Config):
 def load_model(machine, name_or_path=None):
     """Return {joint: AxisModel} of config/model, by default of the file called like the machine."""
     path = find_config('model', name_or_path or machine.name)
-    return check_joints_of(machine, load_config(path, _Models).joints, path)
+    return in_joint_order(machine, load_config(path, _Models).joints, path)
 
 
-def check_joints_of(machine, per_joint, path):
+def in_joint_order(machine, per_joint, path):
     """Return `per_joint` in the order of the machine's joints; `ConfigError` unless it names exactly these."""
     if set(per_joint) != set(machine.joints):
         raise ConfigError(f'{path}: joints are {sorted(per_joint)}; {machine.name} has {list(machine.joints)}')

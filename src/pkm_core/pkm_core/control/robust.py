@@ -18,12 +18,12 @@ from pydantic import Field
 
 from pkm_core.config import Config, Time, find_config, load_config, quantity
 from pkm_core.control import filters
-from pkm_core.control.model import check_joints_of
+from pkm_core.control.model import in_joint_order
 from pkm_core.errors import PkmError
 
 
 class RobustGains(Config):
-    """Feedback of one axis in physical units; per sample and per count nothing is hidden."""
+    """Feedback of one axis in physical units (the thesis prints its gains per sample and per count)."""
 
     kp: Annotated[quantity('V/m'), Field(gt=0)]
     ki: Annotated[quantity('V/(m s)'), Field(ge=0)]
@@ -46,7 +46,7 @@ class _Control(Config):
 def load_control(machine, name_or_path=None):
     """Return {joint: RobustGains} of config/control, by default of the file called like the machine."""
     path = find_config('control', name_or_path or machine.name)
-    return check_joints_of(machine, load_config(path, _Control).joints, path)
+    return in_joint_order(machine, load_config(path, _Control).joints, path)
 
 
 def feedforward_gains(gains, model, sample_time):
@@ -88,8 +88,9 @@ class RobustController:
     """
     The controller of one axis: `load` a cycle, then `update` once a tick.
 
-    Loading the next cycle exchanges reference and feedforward only; integrator, derivative and filters run on, so the
-    voltage does not jump at a cycle boundary that lies in a rest.
+    Loading the next cycle exchanges reference and feedforward; integrator, derivative and filters run on, and the
+    integrator takes up the step between the two feedforwards, so that the voltage does not jump at the boundary. (A
+    learned feedforward changes its level every cycle; such a step moved a resting slider by 2 um for 20 ms.)
 
     Parameters
     ----------

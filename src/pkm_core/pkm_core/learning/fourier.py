@@ -8,11 +8,11 @@ The thesis's learning law (7.31)-(7.33), in one step over the Fourier series of 
 PID is linear and the cycle periodic, so the memory psi need not be kept: ups <- lam ups + Gl PID eps(k + advance).
 The thesis's series sums n = 1..N-1 with factor 2 and so returns 2 e - R0; the FFT is the series it means.
 
-(7.33) has PD action with gains the thesis does not print. With the loop's own KP and KD it diverges below 20 Hz on a
-strongly integrating loop: there PD is not what the loop does with a reference. `integral` and `derivative` set the
-action as shares of the loop's KI and KD: 0 and a small share is the thesis's PD, 1 and 1 the whole PID of the loop,
-which makes ups act like a correction of the reference and needs no plant model.
-The law converges where |lam - Gl HL HN z^advance PID FL FN P/(1 + L)| < 1: test_learning.py.
+(7.33) has PD action with gains the thesis does not print. Here `integral` and `derivative` give the action as shares of
+the loop's KI and KD. The whole PID (1, 1) makes ups act like a correction of the reference: it needs no plant model and
+converges fast. PD (0, small) is the thesis's. With the loop's whole KD it diverges below 20 Hz if the loop integrates
+strongly: the loop's answer to ups then leads by up to 90 deg, and D adds to that.
+The error of a cycle becomes lam - Gl HL HN z^advance PID FL FN P/(1 + L) times that of the cycle before.
 """
 
 from typing import Annotated

@@ -13,9 +13,7 @@ def add_arguments(parser):
     verb.add_argument('action_name', help="Name of the ROS action (e.g. '/fibonacci')")
     verb.add_argument('action_type', help="Type of the ROS action (e.g. 'example_interfaces/action/Fibonacci')")
     values = verb.add_mutually_exclusive_group()
-    values.add_argument(
-        'goal', nargs='?', default='{}', help="Goal request values in YAML format (e.g. '{order: 10}')"
-    )
+    values.add_argument('goal', nargs='?', default='{}', help="Goal request values in YAML format (e.g. '{order: 10}')")
     values.add_argument('--stdin', action='store_true', help='Read goal from standard input')
     verb.add_argument('-f', '--feedback', action='store_true', help='Echo feedback messages for the goal')
 

@@ -39,7 +39,11 @@ def add_arguments(parser):
     add('--flow-style', action='store_true', help='Print collections in the flow style (not available with csv format)')
     add('--no-lost-messages', action='store_true', help="Don't report when a message is lost")
     add('--raw', action='store_true', help='Echo the raw binary representation')
-    add('--filter', metavar='FILTER_EXPR', help='Python expression to filter messages that are printed; m is the message')
+    add(
+        '--filter',
+        metavar='FILTER_EXPR',
+        help='Python expression to filter messages that are printed; m is the message',
+    )
     add('--once', action='store_true', help='Print the first message received and then exit.')
     add(
         '--timeout',

@@ -8,7 +8,7 @@ import rclpy
 from rclpy.clock import Clock
 from rclpy.qos import qos_profile_sensor_data
 
-from pkm_nodes.ros2.shared import TOPIC_HELP, find_topic_class, graph_node, message_filter, number, spin_until_done
+from pkm_nodes.ros2.shared import TOPIC_HELP, find_topic_class, message_filter, number, ros_node, spin_until_done
 
 
 def add_arguments(parser):
@@ -31,7 +31,7 @@ def hz(args):
     """Print the rate of a topic every second in which messages come, until Ctrl-C."""
     passes = message_filter(args.filter)
     rate = ReceiveRate(args.window)
-    with graph_node(args) as node:
+    with ros_node(use_sim_time=args.use_sim_time) as node:
         clock = Clock() if args.wall_time else node.get_clock()
 
         def on_message(msg):

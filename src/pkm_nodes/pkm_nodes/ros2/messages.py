@@ -15,7 +15,7 @@ def parse_yaml(text):
     try:
         return yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise RuntimeError(f'Not valid YAML: {" ".join(str(error).split())}') from error
+        raise RuntimeError(f"Not valid YAML: '{text}': {getattr(error, 'problem', error)}") from error
 
 
 class _Dumper(yaml.Dumper):

@@ -64,9 +64,7 @@ def add_arguments(parser):
     verbs['list'].add_argument(
         '--param-prefixes', nargs='+', default=[], help='Only list parameters with the provided prefixes'
     )
-    verbs['list'].add_argument(
-        '--param-type', action='store_true', help='Print parameter types with parameter names'
-    )
+    verbs['list'].add_argument('--param-type', action='store_true', help='Print parameter types with parameter names')
 
 
 def get(args):

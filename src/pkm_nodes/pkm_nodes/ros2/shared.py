@@ -109,9 +109,9 @@ def settle(node, spin_time=None):
         graph = (node.get_node_names_and_namespaces(), node.get_topic_names_and_types())
         if graph != seen:
             seen, changed = graph, now
-        elif spin_time is None and now - changed > GRAPH_QUIET:
-            if not all(name.startswith(NODE_PREFIX) for name, _ in graph[0]):  # more than tools like this one
-                return
+        has_nodes = any(not name.startswith(NODE_PREFIX) for name, _ in graph[0])  # more than tools like this one
+        if has_nodes and spin_time is None and now - changed > GRAPH_QUIET:
+            return
         time.sleep(POLL)
 
 

@@ -1,0 +1,170 @@
+"""
+A graph of real nodes over real DDS, in one process and one thread, for every test of the nodes.
+
+The test has a node of its own in it, publishes and listens like any other node, and decides when callbacks run. Every
+module has a DDS domain that no other run on this machine uses at the time; every test has its own context.
+"""
+
+import os
+import tempfile
+from collections import Counter
+from fcntl import LOCK_EX, LOCK_NB, flock
+from itertools import cycle, islice
+from pathlib import Path
+from time import monotonic
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from pkm_core.machines import load_machine
+from pkm_core.motions import Motion, Target, plan
+from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.node import PkmNode, reliable
+
+_DOMAINS = range(41, 60)
+_next_domain = cycle(_DOMAINS)
+# [s, wall] what is waited for takes milliseconds; the rest is reserve for a machine that does much else
+_PATIENCE = 30.0
+# [s, wall] how long nothing must happen before a test believes that nothing will
+_SILENCE = 0.2
+
+
+class Graph:
+    """The nodes of one test and the executor that serves them while the test waits."""
+
+    def __init__(self):
+        self._executor = SingleThreadedExecutor()
+        self._nodes = []
+        self.node = PkmNode('test')
+        self._add(self.node)
+        self.events = self.listen(CycleEvent, 'cycle_events')
+
+    def start(self, node_type, **parameters):
+        """Return a running node with these parameters; a machine brings its motors with it."""
+        node = node_type(parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()])
+        for each in (node, *getattr(node, 'motors', ())):
+            self._add(each)
+        self._connect()
+        return node
+
+    def stop(self, node):
+        """Take a node, and a machine's motors, out of the graph."""
+        for each in (node, *getattr(node, 'motors', ())):
+            self._executor.remove_node(each)
+            self._nodes.remove(each)
+            each.destroy_node()
+
+    def listen(self, message_type, topic, qos=None):
+        """Return a list that grows by every message on `topic`."""
+        messages = []
+        self.node.create_subscription(message_type, topic, messages.append, qos or reliable(1000))
+        self._connect()
+        return messages
+
+    def publisher(self, message_type, topic):
+        """Return a publisher of the test, connected to everybody who listens."""
+        publisher = self.node.create_publisher(message_type, topic, reliable(1000))
+        self._connect()
+        return publisher
+
+    def call(self, service_type, name, request=None):
+        """Return the response of a service."""
+        client = self.node.create_client(service_type, name)
+        self.spin_until(client.service_is_ready, f'service {name}')
+        future = client.call_async(request or service_type.Request())
+        self.spin_until(future.done, f'the answer of service {name}')
+        self.node.destroy_client(client)
+        return future.result()
+
+    def next_event(self, kind):
+        """Wait for an event of `kind`, take it out of `events` and return it."""
+
+        def found():
+            return next((event for event in self.events if event.event == kind), None)
+
+        self.spin_until(found, f'a cycle event of kind {kind}')
+        event = found()
+        self.events.remove(event)
+        return event
+
+    def spin_until(self, condition, what, timeout=_PATIENCE):
+        """Serve the nodes until `condition()`; fail with `what` was waited for."""
+        deadline = monotonic() + timeout
+        while not condition():
+            if monotonic() > deadline:
+                pytest.fail(f'waited {timeout:.0f} s in vain for {what}')
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def spin_in_silence(self):
+        """Serve the nodes long enough for everything under way to arrive, before a test asserts what did not."""
+        end = monotonic() + _SILENCE
+        self.spin_until(lambda: monotonic() > end, 'the end of the silence')
+
+    def close(self):
+        """Destroy all nodes."""
+        self._executor.shutdown()
+        for node in self._nodes:
+            node.destroy_node()
+
+    def _add(self, node):
+        self._nodes.append(node)
+        self._executor.add_node(node)
+
+    def _connect(self):
+        """Wait until every publisher knows all its readers: what is sent from then on arrives."""
+        readers = Counter(subscription.topic_name for node in self._nodes for subscription in node.subscriptions)
+        publishers = [publisher for node in self._nodes for publisher in node.publishers]
+        self.spin_until(
+            lambda: all(p.get_subscription_count() >= readers[p.topic_name] for p in publishers),
+            'publishers and subscriptions to find each other',
+        )
+
+
+@pytest.fixture(scope='module')
+def domain_id():
+    """Return a DDS domain that is this module's alone, also if somebody else runs these tests at the same time."""
+    for number in islice(_next_domain, len(_DOMAINS)):
+        try:
+            lock = (Path(tempfile.gettempdir()) / f'pkm_test_domain_{number}').open('w')
+            flock(lock, LOCK_EX | LOCK_NB)
+        except OSError:  # taken
+            continue
+        with lock:
+            yield number
+        return
+    pytest.fail(f'all ROS domains from {_DOMAINS[0]} to {_DOMAINS[-1]} are in use on this machine')
+
+
+@pytest.fixture
+def graph(domain_id, monkeypatch):
+    """Return a `Graph` with only the test's own node in it."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    rclpy.init(domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C is pytest's
+    try:
+        graph = Graph()
+        yield graph
+        graph.close()
+    finally:
+        rclpy.shutdown()
+
+
+@pytest.fixture(scope='session')
+def machine():
+    """Return the machine of the cell."""
+    return load_machine('four_dof')
+
+
+@pytest.fixture(scope='session')
+def short_motion(machine):
+    """Return a pose trajectory of 40 samples: 0.2 mm forth and back."""
+    motion = Motion(
+        machine=machine.name,
+        targets=[Target(by={joint: 2e-4 for joint in machine.joints})],
+        lead_rest=1e-3,
+        move_time=5e-3,
+        settle_window=4e-3,
+    )
+    return plan(machine, motion)

@@ -1,0 +1,149 @@
+"""`pkm run`: the main job on the real graph, composed and in separate processes."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from pkm_core.bags import typestore
+from pkm_core.control.robust import load_control
+from pkm_core.learning import make_law
+from pkm_core.machines import load_machine
+from pkm_core.motions import load_motion, plan
+from pkm_core.records import read_cycle
+from pkm_core.simulation import run_cycles
+from pkm_core.trajectory import to_joints
+
+DOMAIN = 61
+PKM = Path(sys.prefix) / 'bin' / 'pkm'
+JOINTS = ('d1', 'd3', 'd5', 'd7')
+
+
+@pytest.fixture(scope='module')
+def runs(tmp_path_factory, module_processes):
+    """Return the output folders of two learning cycles, by arrangement."""
+    folders = {}
+    for arrangement in ('composed', 'processes'):
+        folder = tmp_path_factory.mktemp(arrangement)
+        done = module_processes.run(
+            *(PKM, 'run', '--cycles', 2, '--law', 'fourier_pid', '--seed', 7),
+            *('--arrangement', arrangement, '--out', folder, '--json', folder / 'copy.json'),
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        folders[arrangement] = (folder, done.stdout)
+    return folders
+
+
+def cycles_of(folder):
+    return [read_cycle(path) for path in sorted((folder / 'bags').iterdir())]
+
+
+@pytest.fixture(scope='module')
+def simulated():
+    """Return the same two cycles without ROS."""
+    machine = load_machine('four_dof')
+    trajectory = to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
+    control = load_control(machine)
+    return run_cycles(machine, trajectory, control, make_law('fourier_pid', machine, control), cycles=2, seed=7)
+
+
+@pytest.mark.parametrize('arrangement', ['composed', 'processes'])
+def test_graph_gives_the_bits_of_the_simulation_without_ros(runs, simulated, arrangement):
+    for number, record in enumerate(cycles_of(runs[arrangement][0])):
+        assert np.array_equal(record.counts, simulated.counts[number])
+        assert np.array_equal(record.voltage, simulated.voltage[number])
+        assert np.array_equal(record.error, simulated.error[number])
+
+
+def test_two_seeds_give_different_encoder_sequences(simulated):
+    machine = load_machine('four_dof')
+    trajectory = to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
+    other = run_cycles(machine, trajectory, load_control(machine), None, cycles=1, seed=8)
+    assert not np.array_equal(other.counts[0], simulated.counts[0])
+
+
+@pytest.mark.parametrize('arrangement', ['composed', 'processes'])
+def test_every_tick_of_every_axis_is_recorded(runs, arrangement):
+    results = json.loads((runs[arrangement][0] / 'results.json').read_text())
+    assert results['ticks'] == 2 * 680
+    for joint in JOINTS:
+        for kind in ('encoder', 'command'):
+            assert results['messages'][f'/pkm/{joint}/{kind}'] == {'recorded': 1360, 'expected': 1360}
+    for topic, count in results['messages'].items():
+        assert count['expected'] in (None, count['recorded']), topic
+
+
+def test_results_name_what_ran_and_follow_from_the_bags(runs):
+    folder, _ = runs['processes']
+    results = json.loads((folder / 'results.json').read_text())
+    assert json.loads((folder / 'copy.json').read_text()) == results
+    assert {key: results[key] for key in ('machine', 'motion', 'law', 'seed', 'arrangement', 'sample_time_s')} == {
+        'machine': 'four_dof',
+        'motion': 'four_dof_70ms',
+        'law': 'fourier_pid',
+        'seed': 7,
+        'arrangement': 'processes',
+        'sample_time_s': 0.0005,
+    }
+    assert len(results['config_hash']) == 12
+    assert results['ticks_per_second'] > 0
+    for cycle, record in zip(results['cycles'], cycles_of(folder), strict=True):
+        assert cycle['bag'] == record.path.name
+        for column, joint in enumerate(JOINTS):
+            moving = [slice(a, b + 1) for a, b in zip(record.move_starts, record.move_ends, strict=True)]
+            largest = max(np.abs(record.error[move, column]).max() for move in moving)
+            assert cycle['axes'][joint]['max_dynamic_error_um'] == pytest.approx(1e6 * largest)
+            assert set(cycle['axes'][joint]) == {
+                *('max_dynamic_error_um', 'settling_5um_ms', 'settling_1um_ms', 'steady_state_error_um')
+            }
+
+
+def test_learning_lowers_the_error_of_every_axis(runs):
+    first, second = cycles_of(runs['composed'][0])
+    for before, after in zip(first.metrics(), second.metrics(), strict=True):
+        assert after.max_dynamic_error < 0.6 * before.max_dynamic_error
+
+
+def test_table_and_picture_are_there(runs):
+    folder, printed = runs['composed']
+    assert 'max dynamic' in printed
+    assert '0 lost' in printed
+    assert all(joint in printed for joint in JOINTS)
+    assert (folder / 'learning.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_bags_are_read_by_rosbags_and_by_mcap_without_this_project(runs):
+    folder, _ = runs['composed']
+    bag = sorted((folder / 'bags').iterdir())[0]
+    with AnyReader([bag], default_typestore=typestore()) as reader:
+        positions = [
+            reader.deserialize(data, connection.msgtype).position
+            for connection, _, data in reader.messages()
+            if connection.topic == '/pkm/d3/encoder'
+        ]
+    assert len(positions) == 680
+    with next(bag.glob('*.mcap')).open('rb') as stream:
+        messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(['/pkm/d3/encoder'])
+        assert [message.position for _, _, _, message in messages] == positions
+
+
+@pytest.mark.parametrize(
+    ('options', 'complaint'),
+    [
+        (['--machine', 'hexapod'], "machines: 'hexapod' is unknown"),
+        (['--motion', 'planar_80ms'], 'planar'),
+        (['--law', 'magic'], "'magic' is unknown; known: ['none', 'fourier'"),
+        (['--environment', 'moon'], 'moon'),
+        (['--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),
+    ],
+)
+def test_bad_option_is_refused_in_one_line(processes, options, complaint):
+    done = processes.run(PKM, 'run', '--cycles', 1, *options)
+    assert done.returncode == 1
+    assert complaint in done.stderr
+    assert 'Traceback' not in done.stderr

@@ -1,0 +1,81 @@
+"""What happens to a cell of separate processes when one of them is killed in the middle of a cycle."""
+
+import os
+import signal
+from time import sleep
+
+import pytest
+import rclpy
+from std_srvs.srv import Trigger
+
+from pkm_core.bags import read_topics
+from pkm_core.errors import PkmError
+from pkm_core.records import read_cycle
+from pkm_interfaces.msg import CycleEvent, EncoderSample
+from pkm_nodes.client import CellClient
+from pkm_nodes.processes import CellProcesses
+
+DOMAIN = 62
+
+
+@pytest.fixture
+def domain(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+
+def test_killed_controller_is_named_the_machine_stops_and_the_bags_stay_readable(domain, tmp_path):
+    cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
+    with cell, CellClient() as client:
+        client.wait_until_up(cell.check)
+        victim = cell.processes['joint_controller_d3']
+
+        def kill_in_the_next_cycle(feedback):
+            if feedback.cycle == 1:
+                sleep(0.3)  # a cycle of 680 ticks takes about a second
+                os.kill(victim.pid, signal.SIGKILL)
+
+        with pytest.raises(PkmError) as refusal:
+            client.execute('four_dof_70ms', 5, 'none', cell.check, kill_in_the_next_cycle)
+    said = str(refusal.value)
+    assert 'joint_controller_d3 has ended with code -9' in said
+    assert 'no answer for' in said
+    assert said.rstrip().endswith('from joint_controller of d3')
+
+    whole, cut = (read_cycle(path) for path in sorted((tmp_path / 'bags').iterdir()))
+    assert len(whole.ticks) == 680
+    assert 0 < len(cut.ticks) < 680
+    encoder = read_topics(cut.path, ['/pkm/d1/encoder'])['/pkm/d1/encoder']
+    assert [sample.tick for sample in encoder] == list(range(encoder[0].tick, encoder[0].tick + len(encoder)))
+    braking = [sample.position for sample in encoder if sample.mode == EncoderSample.SAFE_STOP]
+    assert len(braking) > 10
+    assert abs(braking[-1] - braking[-2]) < 2e-6, 'the machine stands at the end of the safe stop: < 4 mm/s'
+    events = read_topics(cut.path, ['/pkm/cycle_events'])['/pkm/cycle_events']
+    assert any(event.event == CycleEvent.FAULT and 'd3' in event.message for event in events)
+    for record in (whole, cut):
+        assert all(record.recorded[topic] >= count for topic, count in record.expected.items())
+
+
+def test_cell_goes_on_after_restart_and_reset(domain, tmp_path):
+    cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
+    with cell, CellClient() as client:
+        client.wait_until_up(cell.check)
+        os.kill(cell.processes['joint_controller_d5'].pid, signal.SIGKILL)
+        cell.processes['joint_controller_d5'].wait()
+        del cell.processes['joint_controller_d5']
+        with pytest.raises(PkmError, match=r"not loaded within .* by joint_controller of \['d5'\]"):
+            client.execute('four_dof_70ms', 1, 'none', cell.check, lambda _: None)
+        cell.start('joint_controller_d5')
+        assert call('/pkm/machine/reset').success
+        log = client.execute('four_dof_70ms', 1, 'none', cell.check, lambda _: None)
+    assert len(read_cycle(log.bags[-1]).ticks) == 680
+
+
+def call(name):
+    """Call a std_srvs/Trigger service from a node of the test's own."""
+    node = rclpy.create_node('test_safe_stop')
+    future = node.create_client(Trigger, name).call_async(Trigger.Request())
+    rclpy.spin_until_future_complete(node, future, timeout_sec=20.0)
+    node.destroy_node()
+    assert future.done(), f'{name} did not answer'
+    return future.result()
