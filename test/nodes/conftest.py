@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from pkm_core.machines import load_machine
 from pkm_core.motions import Motion, Target, plan
 from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.events import NAMES
 from pkm_nodes.node import PkmNode, reliable
 
 _DOMAINS = range(41, 60)
@@ -79,14 +80,15 @@ class Graph:
         self.node.destroy_client(client)
         return future.result()
 
-    def next_event(self, kind):
-        """Wait for an event of `kind`, take it out of `events` and return it."""
+    def next_event(self, kind, **fields):
+        """Wait for an event of `kind` with these fields, take it out of `events` and return it."""
+        wanted = {'event': kind, **fields}
 
         def found():
-            return next((event for event in self.events if event.event == kind), None)
+            return [e for e in self.events if all(getattr(e, name) == value for name, value in wanted.items())]
 
-        self.spin_until(found, f'a cycle event of kind {kind}')
-        event = found()
+        self.spin_until(found, f'the cycle event {NAMES[kind]} {fields or ""}')
+        event = found()[0]
         self.events.remove(event)
         return event
 

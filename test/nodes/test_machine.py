@@ -1,6 +1,7 @@
 """The machine and its motors; the test stands in the place of the joint controllers and the recorder."""
 
 import math
+import re
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -104,7 +105,7 @@ def test_joints_that_have_loaded_another_cycle_do_not_count(graph, controllers):
     graph.spin_in_silence()
     assert not any(controllers.samples.values())
     controllers.load(2, 10, joints=JOINTS[:3])
-    assert graph.next_event(CycleEvent.STARTED).cycle == 2
+    graph.next_event(CycleEvent.STARTED, cycle=2)
 
 
 def test_joints_that_do_not_load_in_time_are_named(graph, controllers):
@@ -123,7 +124,7 @@ def test_cycles_of_different_lengths_are_refused(graph, controllers):
     refused = graph.next_event(CycleEvent.REFUSED)
     assert "{'d1': 10, 'd3': 10, 'd5': 12, 'd7': 10}; all must be equal" in refused.message
     controllers.load(2, 10)
-    assert graph.next_event(CycleEvent.STARTED).cycle == 2
+    graph.next_event(CycleEvent.STARTED, cycle=2)
 
 
 def test_machine_advances_only_when_every_joint_has_answered(graph, controllers):
@@ -227,12 +228,11 @@ def test_missing_answers_stop_the_machine_safely_and_name_exactly_who_is_missing
     assert (fault.source, fault.cycle, fault.samples) == ('machine', 1, 4)
     assert fault.message.startswith('tick 4 (cycle 1, sample 4): no answer for 0.2 s from ')
     assert fault.message.endswith('joint_controller of d3, joint_controller of d7')
-    assert fault.tick == 4 + BRAKE_TICKS
-    controllers.wait_for(fault.tick, EncoderSample.SAFE_STOP)
+    assert fault.tick == 5 + BRAKE_TICKS
+    controllers.wait_for(fault.tick - 1, EncoderSample.SAFE_STOP)
     for heard in controllers.samples.values():
-        assert [s.tick for s in heard] == list(range(fault.tick + 1))
+        assert [s.tick for s in heard] == list(range(fault.tick))
         assert [s.mode for s in heard] == [EncoderSample.RUN] * 5 + [EncoderSample.SAFE_STOP] * BRAKE_TICKS
-        assert heard[-1].counts == heard[-2].counts
     diagnostics.clear()
     graph.spin_until(lambda: diagnostics, 'diagnostics')
     assert fault.message in diagnostics[-1].status[0].message
@@ -254,12 +254,12 @@ def test_after_a_safe_stop_cycles_are_refused_until_reset(graph, controllers, ma
     assert response.message == f'at home; cleared: {fault.message}'
     graph.next_event(CycleEvent.RESET)
     controllers.load(3, 3)
-    assert graph.next_event(CycleEvent.STARTED).cycle == 3
+    graph.next_event(CycleEvent.STARTED, cycle=3)
     controllers.wait_for(fault.tick)
     for home, heard in zip(machine.home, controllers.samples.values(), strict=True):
         assert heard[-1].position == pytest.approx(home, abs=machine.encoder_resolution)
     controllers.run(fault.tick, 3)
-    assert graph.next_event(CycleEvent.FINISHED).cycle == 3
+    graph.next_event(CycleEvent.FINISHED, cycle=3)
 
 
 def test_answers_that_come_after_a_safe_stop_are_not_applied(graph, controllers):
@@ -268,7 +268,7 @@ def test_answers_that_come_after_a_safe_stop_are_not_applied(graph, controllers)
     fault = graph.next_event(CycleEvent.FAULT)
     controllers.answer(fault.tick, 10.0)
     graph.spin_in_silence()
-    controllers.wait_for(fault.tick, EncoderSample.SAFE_STOP)
+    controllers.wait_for(fault.tick - 1, EncoderSample.SAFE_STOP)
 
 
 def test_reset_is_refused_while_a_cycle_runs(graph, controllers):
@@ -285,20 +285,23 @@ def test_reset_is_refused_while_a_cycle_runs(graph, controllers):
 def test_carriage_that_runs_into_its_stop_is_a_fault(graph, controllers):
     graph.start(MachineNode)
     controllers.load(1, 1000)
-    tick = 0
-    while not any(event.event == CycleEvent.FAULT for event in graph.events):
-        controllers.wait_for(tick)
-        controllers.answer(tick, 10.0)
-        tick += 1
-        graph.spin_until(lambda t=tick: all(h[-1].tick >= t for h in controllers.samples.values()), f'tick {tick}')
-        if controllers.samples['d7'][-1].mode == EncoderSample.SAFE_STOP:
-            break
+    samples, answered = controllers.samples['d7'], 0
+    while not samples or samples[-1].mode == EncoderSample.RUN:
+        controllers.wait_for(answered)
+        controllers.answer(answered, 10.0)
+        answered += 1
+        graph.spin_until(lambda t=answered: samples[-1].tick >= t, f'a sample of tick {answered}')
     fault = graph.next_event(CycleEvent.FAULT)
-    assert 'stop at' in fault.message or 'collided' in fault.message
-    assert fault.samples == tick
+    assert re.search(r'd\d ran into its upper stop at .* mm; travel is', fault.message)
+    assert fault.samples == answered
+    controllers.wait_for(fault.tick - 1, EncoderSample.SAFE_STOP)
     for heard in controllers.samples.values():
-        assert [s.tick for s in heard] == list(range(fault.tick + 1))
-        assert {s.mode for s in heard[tick:]} == {EncoderSample.SAFE_STOP}
+        assert [s.tick for s in heard] == list(range(fault.tick))
+        assert {s.mode for s in heard[:answered]} == {EncoderSample.RUN}
+        assert {s.mode for s in heard[answered:]} == {EncoderSample.SAFE_STOP}
+        last = [s.counts for s in heard[-20:]]
+        print(max(last)-min(last))
+        assert max(last) - min(last) <= 5, 'it stands, but for the noise of the encoders: 1 um in 10 ms'
 
 
 def test_clock_is_published_in_simulated_time(graph, controllers, machine):
@@ -349,8 +352,9 @@ def test_recorder_that_falls_silent_in_a_cycle_stops_the_machine_safely(graph, c
     controllers.run(0, 3)
     fault = graph.next_event(CycleEvent.FAULT)
     assert 'the recorder has not confirmed anything after tick 0' in fault.message
+    controllers.wait_for(fault.tick - 1, EncoderSample.SAFE_STOP)
     for heard in controllers.samples.values():
-        assert [s.tick for s in heard] == list(range(fault.tick + 1))
+        assert [s.tick for s in heard] == list(range(fault.tick))
 
 
 @pytest.mark.parametrize(

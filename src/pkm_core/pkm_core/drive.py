@@ -65,14 +65,13 @@ def emf_step(short_force, loop_force, speed, damping, winding, winding_decay, lo
     `winding` and `loop` are the time constants L/R and tau [s], the decays exp(-duration / time constant).
     """
     drag = damping * speed
-    short_end = drag + (short_force - drag) * winding_decay
-    slope = (short_end - short_force) / duration  # what the loop follows is taken as a ramp
-    loop_end = short_end - slope * loop + (loop_force - short_force + slope * loop) * loop_decay
+    start = short_force - loop_force if shorted else short_force  # the current does not jump when the phases are shorted
+    end = drag + (start - drag) * winding_decay
     if shorted:
-        mean = winding * (short_end - short_force) / duration - drag
-    else:
-        mean = -loop * (loop_end - loop_force) / duration
-    return short_end, loop_end, mean
+        return end, 0.0, winding * (end - start) / duration - drag
+    slope = (end - start) / duration  # what the loop follows is taken as a ramp
+    loop_end = end - slope * loop + (loop_force - start + slope * loop) * loop_decay
+    return end, loop_end, -loop * (loop_end - loop_force) / duration
 
 
 def shorted_damping(thrust_per_ampere, resistance):

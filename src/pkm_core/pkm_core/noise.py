@@ -6,7 +6,7 @@ Counter-based generators make it so: nothing depends on how long other cycles we
 
 import numpy as np
 
-from pkm_core.plant_tick import AMPLIFIER, ENCODER, FLOOR
+from pkm_core.plant_arrays import AMPLIFIER, ENCODER, FLOOR
 
 _ASSEMBLY, _CYCLE, _ENCODER, _AMPLIFIER, _FLOOR, _LASER = range(6)  # new streams go at the end: old seeds keep their bits
 _BLOCK = 1024  # ticks drawn at once
@@ -34,7 +34,7 @@ class CycleNoise:
     Attributes
     ----------
     block : ndarray, shape (3, ticks, n)
-        The present block, rows plant_tick.ENCODER [counts], AMPLIFIER [V], FLOOR [m/s^2]: the floor's acceleration
+        The present block, rows plant_arrays.ENCODER [counts], AMPLIFIER [V], FLOOR [m/s^2]: the floor's acceleration
         along each guide.
     friction, gain : ndarray, shape (n,)
         Factors of this cycle on Coulomb friction and thrust.

@@ -21,8 +21,9 @@ from pkm_core.assembly import Assembly, assemble
 from pkm_core.drive import phase_currents
 from pkm_core.errors import PkmError
 from pkm_core.noise import CycleNoise
+from pkm_core.plant_arrays import QD, REFUSED, Q
 from pkm_core.plant_build import build
-from pkm_core.plant_tick import QD, REFUSED, Q, advance
+from pkm_core.plant_tick import advance
 from pkm_core.truth import load_truth
 
 

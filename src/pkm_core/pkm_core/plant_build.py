@@ -1,47 +1,23 @@
 """From configuration to the arrays the compiled tick runs on: parameters, rest state, working arrays."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from pkm_core.drive import motor_thrust, shorted_damping
 from pkm_core.errors import ConfigError
 from pkm_core.flexible import STEP_SIZE, mode_steps
-from pkm_core.plant_tick import AXIS_PARAMETERS, AXIS_STATE, COMMON_PARAMETERS, MECHANISMS, Q, rigid_terms
+from pkm_core.plant_arrays import AXIS_PARAMETERS, AXIS_STATE, COMMON_PARAMETERS, MECHANISMS, PlantArrays, Q
+from pkm_core.plant_tick import rigid_terms
 
 _MODE_POINTS = 17  # over the travel, where modes depend on position
 
 
-@dataclass(frozen=True)
-class PlantArrays:
-    """The array arguments of plant_tick.advance, in its order; see there."""
-
-    motion: np.ndarray
-    axes: np.ndarray
-    modes: np.ndarray
-    counts: np.ndarray
-    mechanism: int
-    rigid: np.ndarray
-    parameters: np.ndarray
-    common: np.ndarray
-    contacts: np.ndarray
-    mode_table: np.ndarray
-    scratch: np.ndarray
-    steps: np.ndarray
-
-
 def build(machine, truth, levels, assembly):
     """
-    Return the `PlantArrays` of a machine at rest, home by its encoders; friction and belts carry gravity and cogging if they can.
+    Return the `PlantArrays` of `machine` as `truth`, the environment `levels` and `assembly` say.
 
-    Parameters
-    ----------
-    machine : Machine
-    truth : Truth
-    levels : Environment
-    assembly : Assembly
-
+    It stands at home by its encoders and at rest; friction and belts carry gravity and cogging as far as they can.
     """
     n = len(machine.joints)
     m = n + (2 if levels.belts else 0)

@@ -1,16 +1,14 @@
 """
 The compiled servo tick of the plant: volts in, one sample time of physics, counts out; no allocation, no randomness.
 
-Between the readings k and k+1 the drive applies the voltage that answered reading k-1 (one whole sample of computation),
-held, quantised, saturated. Each substep takes the exact mean of the current, evaluates the rigid machine at the middle of
-the substep and holds its acceleration (second order, no numerical damping); viscous friction follows the trapezoid rule.
-
-All numbers stand in float64 arrays; those with a field per quantity are structured arrays, one row a joint.
+Between the readings k and k+1 the drive applies the voltage that answered reading k-1 (one whole sample of
+computation), held, quantised, saturated. Each substep takes the exact mean of the current, evaluates the rigid machine
+at the middle of the substep and holds its acceleration (second order, no numerical damping); viscous friction follows
+the trapezoid rule, modes and windings their exact solutions.
 """
 
 import math
 
-import numpy as np
 from numba import njit
 
 from pkm_core.belts import four_dof_belt_terms
@@ -19,83 +17,13 @@ from pkm_core.dynamics import four_dof_terms, planar_terms, xy_stage_terms
 from pkm_core.encoder import encoder_count
 from pkm_core.flexible import blend_steps, mode_step
 from pkm_core.friction import bristle_step
+from pkm_core.plant_arrays import AMPLIFIER, ENCODER, FLOOR, QD, QDD, REFUSED, Q
 from pkm_core.stops import contact_force
-
-MECHANISMS = ('planar', 'xy_stage', 'four_dof', 'four_dof_belts')  # those rigid_terms knows, by index
-REFUSED = -1  # event: a voltage is not finite; other events are 0 or 1 + the row of the contact that touched first
-Q, QD, QDD = range(3)  # rows of the motion (3, m) of the rigid machine: joints [m], then belt rotations [rad]
-ENCODER, AMPLIFIER, FLOOR = range(3)  # of the noise (3, ticks, n): counts, V, m/s^2
-
-
-def _fields(**fields):
-    return np.dtype([(name, np.float64) for name in fields])
-
-
-# What changes, a row a joint.
-AXIS_STATE = _fields(
-    position='what the scale moves by: rigid position plus deflections [m]',
-    speed='its rate [m/s]',
-    bristle='of the friction [m]',
-    command='computed, applied in the next tick [V]',
-    before='amplitude the current loop followed in the last tick [A]',
-    demand='and follows in this one [A]',
-    current='amplitude [A]',
-    short_force='see drive.emf_step [N]',
-    loop_force='see drive.emf_step [N]',
-    heat='filtered square of the rms current [A^2]',
-    thrust='mean of the last substep [N]',
-    friction='mean of the last substep, against the motion [N]',
-)
-
-# What stays, a row a joint; start_cycle draws newton_per_ampere and coulomb anew.
-AXIS_PARAMETERS = _fields(
-    newton_per_ampere='of amplitude',
-    coulomb='[N]',
-    extra_mass='[kg]',
-    viscous='[N s/m]',
-    encoder_offset='[m]',
-    lower='end of the travel [m]',
-    upper='end of the travel [m]',
-)
-
-# What stays and is the same for all joints, one row.
-COMMON_PARAMETERS = _fields(
-    substep='[s]',
-    voltage_limit='[V]',
-    dac_step='[V]',
-    ampere_per_volt='amplitude',
-    continuous_current='rms [A]',
-    peak_current='amplitude [A]',
-    heat_share='sample time over thermal time',
-    current_lag='[s]',
-    current_delay='[s]',
-    decay_delay='exp(-duration / lag) of the current over the delay',
-    decay_rest='over the rest of the first substep',
-    decay='over any other substep',
-    winding='L / R of the winding [s]',
-    decay_winding='exp(-substep / winding)',
-    emf_damping='force of shorted phases over speed, 0 where the back EMF is left out [N s/m]',
-    brake_damping='the same for the brake [N s/m]',
-    ripple='of the thrust',
-    cogging='[N]',
-    pitch='[m]',
-    breakaway='static over Coulomb friction',
-    stribeck_speed='[m/s]',
-    bristle_stiffness='[N/m]',
-    bristle_damping='[N s/m]',
-    elastic='share of the bend at breakaway',
-    contact_stiffness='[N/m]',
-    contact_damping='[s/m]',
-    resolution='[m/count]',
-    signal_period='[m]',
-    subdivision_error='[m]',
-    encoder_latency='[s]',
-)
 
 
 @njit(cache=True)
 def rigid_terms(mechanism, q, qd, p, M, C, G):
-    """Fill M, C, G of the mechanism with this index in MECHANISMS."""
+    """Fill M, C, G of the mechanism with this index in plant_arrays.MECHANISMS."""
     if mechanism == 0:
         planar_terms(q, qd, p, M, C, G)
     elif mechanism == 1:
@@ -139,9 +67,12 @@ def _take_command(axis, common, volts, noise, shorted):
 
 
 @njit(cache=True)
-def _mean_current(axis, common, first):
+def _mean_current(axis, common, first, shorted):
     """Return the mean amplitude [A] over a substep; in the first of a tick the last demand still runs for the delay."""
     h, lag = common.substep, common.current_lag
+    if shorted:
+        axis.current, charge = current_step(axis.current, 0.0, common.decay_winding, common.winding, h)
+        return charge / h
     if not first:
         axis.current, charge = current_step(axis.current, axis.demand, common.decay, lag, h)
         return charge / h
@@ -154,7 +85,7 @@ def _mean_current(axis, common, first):
 @njit(cache=True)
 def _axis_force(axis, parameters, common, position, speed, first, shorted):
     """Return thrust less friction [N] over a substep with this position and speed in its middle."""
-    current = _mean_current(axis, common, first)
+    current = _mean_current(axis, common, first, shorted)
     axis.short_force, axis.loop_force, emf = emf_step(
         axis.short_force,
         axis.loop_force,
@@ -227,28 +158,39 @@ def _read(axis, parameters, common, q, qd, modes, noise):
 
 @njit(cache=True)
 def advance(
-    motion, axes, modes, counts, mechanism, rigid, parameters, common_row, contacts, mode_table, scratch, steps, volts, noise,
-    row, substeps, shorted,
-):  # fmt: skip
+    motion,
+    axes,
+    modes,
+    counts,
+    mechanism,
+    rigid,
+    parameters,
+    common_row,
+    contacts,
+    mode_table,
+    scratch,
+    steps,
+    volts,
+    noise,
+    row,
+    substeps,
+    shorted,
+):
     """
     Advance the machine by one sample time; with a voltage that is not finite nothing changes.
 
     Parameters
     ----------
-    motion, axes, modes, counts : ndarray
-        The state: (3, m) rows Q, QD, QDD; (n,) AXIS_STATE; (n, k, 2) deflections [m] and rates [m/s]; (n,) int64.
-    mechanism : int
-        Index in MECHANISMS.
-    rigid, parameters, common_row, contacts, mode_table : ndarray
-        Of the dynamics kernel; (n,) AXIS_PARAMETERS; (1,) COMMON_PARAMETERS; (c, 3) joint below, joint above, distance
-        at touch; (n, points over the travel, k, STEP_SIZE).
-    scratch, steps : ndarray
-        Working arrays (m + 5, m) and (n, k, STEP_SIZE); `steps` are those of the present position.
+    motion, axes, modes, counts, mechanism, rigid, parameters, common_row, contacts, mode_table, scratch, steps
+        The fields of plant_arrays.PlantArrays; the first four are the state.
     volts : ndarray, shape (n,)
         [V].
     noise : ndarray, shape (3, ticks, n)
-        Rows ENCODER, AMPLIFIER, FLOOR; `row` is the tick used.
+        Rows ENCODER, AMPLIFIER, FLOOR.
+    row : int
+        The tick of `noise` that is used.
     substeps : int
+        In one sample time.
     shorted : bool
         The brake instead of the drive.
 

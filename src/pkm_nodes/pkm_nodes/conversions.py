@@ -6,10 +6,8 @@ import numpy as np
 from builtin_interfaces.msg import Time
 
 from pkm_core.errors import TrajectoryError
-from pkm_core.trajectory import SampledTrajectory
+from pkm_core.trajectory import DERIVATIVES, SampledTrajectory
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
-
-_DERIVATIVES = ('position', 'velocity', 'acceleration', 'jerk')
 
 
 def time_of_tick(tick, sample_time):
@@ -34,7 +32,7 @@ def trajectory_to_msg(trajectory, *, cycle, motion, learning_law):
         move_starts=[int(i) for i in trajectory.move_starts],
         move_ends=[int(i) for i in trajectory.move_ends],
     )
-    for name in _DERIVATIVES:
+    for name in DERIVATIVES:
         setattr(message, name, array('d', np.ascontiguousarray(getattr(trajectory, name)).tobytes()))
     return message
 
@@ -55,31 +53,18 @@ def trajectory_from_msg(message, *, coordinates, sample_time):
     if message.sample_time != sample_time:
         raise TrajectoryError(f'{where}: has a sample time of {message.sample_time} s; expected {sample_time} s')
     columns, arrays = len(coordinates), {}
-    length = len(message.position)
-    if length == 0 or length % columns:
-        raise TrajectoryError(f'{where}: {length} position values; expected a multiple of {columns} columns')
-    for name in _DERIVATIVES:
+    for name in DERIVATIVES:
         values = np.frombuffer(getattr(message, name), dtype=float)
-        if len(values) != length:
-            raise TrajectoryError(f'{where}: {len(values)} {name} values; expected {length} as of position')
-        if not np.isfinite(values).all():
-            first = int(np.flatnonzero(~np.isfinite(values))[0])
-            raise TrajectoryError(
-                f'{where}: {name} of {coordinates[first % columns]} at sample {first // columns} is {values[first]}; '
-                f'expected finite values'
-            )
+        if len(values) == 0 or len(values) % columns:
+            raise TrajectoryError(f'{where}: {len(values)} {name} values; expected a multiple of {columns} columns')
         arrays[name] = values.reshape(-1, columns)
-    starts, ends = np.array(message.move_starts, dtype=int), np.array(message.move_ends, dtype=int)
-    samples = length // columns
-    if len(starts) != len(ends) or len(starts) == 0 or (starts >= ends).any() or (ends >= samples).any():
-        raise TrajectoryError(
-            f'{where}: moves from samples {starts.tolist()} to {ends.tolist()}; '
-            f'expected as many starts as ends, start < end < {samples}'
+    try:
+        return SampledTrajectory(
+            sample_time=message.sample_time,
+            coordinates=tuple(coordinates),
+            move_starts=np.array(message.move_starts, dtype=int),
+            move_ends=np.array(message.move_ends, dtype=int),
+            **arrays,
         )
-    return SampledTrajectory(
-        sample_time=message.sample_time,
-        coordinates=tuple(coordinates),
-        move_starts=starts,
-        move_ends=ends,
-        **arrays,
-    )
+    except TrajectoryError as error:
+        raise TrajectoryError(f'cycle {message.cycle}: {error}') from None

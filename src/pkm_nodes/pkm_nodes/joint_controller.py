@@ -111,7 +111,11 @@ class JointControllerNode(PkmNode):
 
     def _on_sample(self, sample):
         """Answer one encoder tick: the hot path."""
-        if sample.mode != EncoderSample.RUN or not self._loaded or sample.cycle != self._trajectory.cycle:
+        if sample.mode != EncoderSample.RUN:  # a safe stop: the cycle is over, and the next one begins as after power-up
+            self._loaded = False
+            self._controller.reset()
+            return
+        if not self._loaded or sample.cycle != self._trajectory.cycle:
             return
         index = sample.index
         try:

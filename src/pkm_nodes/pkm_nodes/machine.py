@@ -217,6 +217,7 @@ class MachineNode(PkmNode):
         for _ in self._plant.brake(BRAKE_TICKS):
             self._tick += 1
             self._publish_samples(EncoderSample.SAFE_STOP)
+        self._tick += 1  # no two samples have the same tick, also not across a reset
         self._running = self._held = False
         self._missing.clear()
         self._complaints.clear()

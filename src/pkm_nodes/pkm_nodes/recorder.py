@@ -167,7 +167,7 @@ class RecorderNode(PkmNode):
             cycle.first_tick = event.tick
         self._put(cycle, topic, data, event.tick or cycle.last_tick)
         if event.event in (CycleEvent.FINISHED, CycleEvent.FAULT) and cycle.first_tick is not None:
-            cycle.end_tick = event.tick + (event.event == CycleEvent.FAULT)  # the last tick of a safe stop is in it
+            cycle.end_tick = event.tick
             cycle.expected = self._expected(cycle, event)
             cycle.ended = monotonic()
             self._report_progress()

@@ -2,6 +2,9 @@
 
 import sys
 
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+
 from pkm_nodes.ros2.messages import make_message, message_to_yaml, parse_yaml
 from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, find_interface, ros_node, spin_until_done
 
@@ -20,8 +23,6 @@ def add_arguments(parser):
 
 def send_goal(args):
     """Send a goal and print what becomes of it; cancel it when the command is ended early."""
-    from rclpy.action import ActionClient
-
     action = find_interface(args.action_type, 'action')
     values = parse_yaml(sys.stdin.read() if args.stdin else args.goal)
     try:
@@ -48,8 +49,6 @@ def _print_feedback(msg):
 
 def _follow(node, pending):
     """Print the answer to the goal and its result."""
-    from action_msgs.msg import GoalStatus
-
     handle = spin_until_done(node, pending)
     if not handle.accepted:
         print('Goal was rejected.')
@@ -62,12 +61,12 @@ def _follow(node, pending):
 
 
 def _cancel(node, pending):
-    """Cancel the goal, also one whose acceptance is still on its way."""
-    handle = spin_until_done(node, pending)
-    if not handle.accepted:
+    """Cancel the goal if it is not finished, also one whose acceptance is still on its way."""
+    handle = spin_until_done(node, pending, FIND_TIMEOUT)
+    if not handle.accepted or handle.status >= GoalStatus.STATUS_SUCCEEDED:
         return
     cancelling = handle.cancel_goal_async()
     print('Canceling goal...')
-    if not spin_until_done(node, cancelling).goals_canceling:
+    if not spin_until_done(node, cancelling, FIND_TIMEOUT).goals_canceling:
         raise RuntimeError('Failed to cancel goal')
     print('Goal canceled.')

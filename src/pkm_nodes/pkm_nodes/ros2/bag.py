@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
@@ -102,7 +101,7 @@ def read_folder(path):
             ],
         )
     except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
-        raise RuntimeError(f'Exception on parsing info file: {error!r}') from error
+        raise RuntimeError(f'Exception on parsing info file: {getattr(error, "problem", repr(error))}') from error
 
 
 def read_mcap(path):
@@ -114,7 +113,7 @@ def read_mcap(path):
             stats, schemas, channels = summary.statistics, summary.schemas, summary.channels
             start, end, counts = stats.message_start_time, stats.message_end_time, stats.channel_message_counts
             distros = [record.metadata.get('ROS_DISTRO', '') for record in reader.iter_metadata()]
-        except (McapError, AttributeError):  # cut off, or without statistics
+        except Exception:  # damage shows in many ways: a bad magic, an end of file, a failed decompression ...
             schemas, channels, counts, start, end = _scan(path, stream)
             distros = []
     return Bag(
@@ -145,7 +144,7 @@ def _scan(path, stream):
             elif isinstance(record, Message):
                 counts[record.channel_id] += 1
                 times = [min(record.log_time, *times), max(record.log_time, *times)] if times else [record.log_time] * 2
-    except McapError as error:
+    except Exception as error:  # as above; here it ends what is whole
         if not counts:
             raise RuntimeError(f'No plugin detected that could open file {path} ({type(error).__name__})') from error
     print(f'{path} has no summary, as when its recorder was killed; counted its whole messages', file=sys.stderr)

@@ -123,11 +123,14 @@ def wait_for(found, timeout=FIND_TIMEOUT):
     return answer
 
 
-def spin_until_done(node, future):
+def spin_until_done(node, future, timeout=float('inf')):
     """Spin until the future is done and return its result."""
     import rclpy
 
+    deadline = time.monotonic() + timeout
     while not future.done():
+        if time.monotonic() > deadline:
+            raise RuntimeError(f'No answer within {timeout} s')
         rclpy.spin_once(node, timeout_sec=POLL)
     return future.result()
 

@@ -1,0 +1,98 @@
+"""
+The arrays the compiled tick runs on. All numbers are float64; a structured array has a field per quantity, a row a joint.
+
+n joints, m >= n coordinates of the rigid machine: the joints [m], then the belt rotations [rad] if there are any.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MECHANISMS = ('planar', 'xy_stage', 'four_dof', 'four_dof_belts')  # those rigid_terms knows, by index
+REFUSED = -1  # event: a voltage is not finite; other events are 0 or 1 + the row of the contact that touched first
+Q, QD, QDD = range(3)  # rows of the motion (3, m) of the rigid machine: joints [m], then belt rotations [rad]
+ENCODER, AMPLIFIER, FLOOR = range(3)  # of the noise (3, ticks, n): counts, V, m/s^2
+
+
+def _fields(**fields):
+    return np.dtype([(name, np.float64) for name in fields])
+
+
+# What changes, a row a joint.
+AXIS_STATE = _fields(
+    position='what the scale moves by: rigid position plus deflections [m]',
+    speed='its rate [m/s]',
+    bristle='of the friction [m]',
+    command='computed, applied in the next tick [V]',
+    before='amplitude the current loop followed in the last tick [A]',
+    demand='and follows in this one [A]',
+    current='amplitude [A]',
+    short_force='see drive.emf_step [N]',
+    loop_force='see drive.emf_step [N]',
+    heat='filtered square of the rms current [A^2]',
+    thrust='mean of the last substep [N]',
+    friction='mean of the last substep, against the motion [N]',
+)
+
+# What stays, a row a joint; start_cycle draws newton_per_ampere and coulomb anew.
+AXIS_PARAMETERS = _fields(
+    newton_per_ampere='of amplitude',
+    coulomb='[N]',
+    extra_mass='[kg]',
+    viscous='[N s/m]',
+    encoder_offset='[m]',
+    lower='end of the travel [m]',
+    upper='end of the travel [m]',
+)
+
+# What stays and is the same for all joints, one row.
+COMMON_PARAMETERS = _fields(
+    substep='[s]',
+    voltage_limit='[V]',
+    dac_step='[V]',
+    ampere_per_volt='amplitude',
+    continuous_current='rms [A]',
+    peak_current='amplitude [A]',
+    heat_share='sample time over thermal time',
+    current_lag='[s]',
+    current_delay='[s]',
+    decay_delay='exp(-duration / lag) of the current over the delay',
+    decay_rest='over the rest of the first substep',
+    decay='over any other substep',
+    winding='L / R of the winding [s]',
+    decay_winding='exp(-substep / winding)',
+    emf_damping='force of shorted phases over speed, 0 where the back EMF is left out [N s/m]',
+    brake_damping='the same for the brake [N s/m]',
+    ripple='of the thrust',
+    cogging='[N]',
+    pitch='[m]',
+    breakaway='static over Coulomb friction',
+    stribeck_speed='[m/s]',
+    bristle_stiffness='[N/m]',
+    bristle_damping='[N s/m]',
+    elastic='share of the bend at breakaway',
+    contact_stiffness='[N/m]',
+    contact_damping='[s/m]',
+    resolution='[m/count]',
+    signal_period='[m]',
+    subdivision_error='[m]',
+    encoder_latency='[s]',
+)
+
+
+@dataclass(frozen=True)
+class PlantArrays:
+    """The array arguments of plant_tick.advance, in its order; what changes comes first."""
+
+    motion: np.ndarray  # (3, m) rows Q, QD, QDD
+    axes: np.ndarray  # (n,) AXIS_STATE
+    modes: np.ndarray  # (n, k, 2) deflection [m] and rate [m/s] of each mode
+    counts: np.ndarray  # (n,) int64
+    mechanism: int  # index in MECHANISMS
+    rigid: np.ndarray  # parameters of the dynamics kernel
+    parameters: np.ndarray  # (n,) AXIS_PARAMETERS
+    common: np.ndarray  # (1,) COMMON_PARAMETERS
+    contacts: np.ndarray  # (c, 3) joint below, joint above (-1: the base), their distance at touch [m]
+    mode_table: np.ndarray  # (n, points over the travel, k, flexible.STEP_SIZE)
+    scratch: np.ndarray  # (m + 5, m) working space
+    steps: np.ndarray  # (n, k, flexible.STEP_SIZE) of the present position

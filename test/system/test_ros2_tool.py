@@ -1,0 +1,421 @@
+"""bringup_scripts/ros2 against a node of its own; the expected texts are those of ros2cli 0.32 (Jazzy)."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from array import array
+from pathlib import Path
+
+import pytest
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from pkm_interfaces.action import ExecuteMotion
+from pkm_interfaces.msg import SampledTrajectory
+from pkm_nodes.ros2.hz import ReceiveRate
+
+ROOT = Path(__file__).resolve().parents[2]
+TOOL = ROOT / 'bringup_scripts' / 'ros2'
+MOTION = 'pkm_interfaces/action/ExecuteMotion'
+TRAJECTORY = """\
+cycle: 3
+motion: 'früh: "x"'
+learning_law: ''
+sample_time: 1.0e-05
+coordinates:
+- q1
+- q2
+move_starts:
+- 0
+- 5
+move_ends: []
+position:
+- 0.0
+- 0.5
+- 1.0
+- '...'
+velocity: []
+acceleration: []
+jerk: []
+---
+"""
+
+
+class Bench(Node):
+    """Something to look at for every verb."""
+
+    def __init__(self):
+        super().__init__('bench', namespace='/pkm')
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.trajectory_pub = self.create_publisher(SampledTrajectory, '/joint_trajectory', latched)
+        self.trajectory_pub.publish(
+            SampledTrajectory(
+                cycle=3,
+                motion='früh: "x"',
+                sample_time=1e-5,
+                coordinates=['q1', 'q2'],
+                move_starts=array('I', [0, 5]),
+                position=array('d', [0.5 * i for i in range(200)]),
+            )
+        )
+        publishers = [
+            self.create_publisher(String, '/chatter', 10),
+            self.create_publisher(String, '/_hidden', 10),
+            self.create_publisher(String, '/mixed', 10),
+            self.create_publisher(String, '/mixed', qos_profile_sensor_data),
+        ]
+        self.create_timer(0.05, lambda: [publisher.publish(String(data='hello')) for publisher in publishers])
+        self.create_service(SetBool, '/set', self.on_set)
+        self.declare_parameters('', [('gain', 2.5), ('name', 'abc'), ('weights', [1.0, 2.0])])
+        self.add_on_set_parameters_callback(self.on_parameters)
+        self.actions = ActionServer(
+            self,
+            ExecuteMotion,
+            '/execute_motion',
+            self.on_motion,
+            goal_callback=lambda goal: GoalResponse.ACCEPT if goal.cycles else GoalResponse.REJECT,
+            cancel_callback=lambda goal: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def on_set(self, request, response):
+        response.success = request.data
+        return response
+
+    def on_parameters(self, parameters):
+        if any(parameter.name == 'gain' and parameter.value > 10.0 for parameter in parameters):
+            return SetParametersResult(successful=False, reason='gain must be at most 10')
+        return SetParametersResult(successful=True)
+
+    def on_motion(self, goal):
+        for cycle in range(1, goal.request.cycles + 1):
+            time.sleep(0.2)
+            if goal.is_cancel_requested:
+                goal.canceled()
+                print(f'canceled {goal.request.motion}', flush=True)
+                return ExecuteMotion.Result(cycles_completed=cycle)
+            goal.publish_feedback(
+                ExecuteMotion.Feedback(cycle=cycle, joints=['q1'], max_dynamic_error=array('d', [1e-6]))
+            )
+        if goal.request.motion == 'bad':
+            goal.abort()
+        else:
+            goal.succeed()
+        return ExecuteMotion.Result(cycles_completed=goal.request.cycles)
+
+
+@pytest.fixture(scope='module')
+def environment():
+    """A graph of its own on this machine, and a PATH without a real ros2."""
+    return os.environ | {
+        'ROS_DOMAIN_ID': '73',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'PATH': '/usr/bin:/bin',
+        'TZ': 'UTC',
+        'COLUMNS': '120',
+    }
+
+
+@pytest.fixture(scope='module')
+def bench(environment):
+    process = subprocess.Popen([sys.executable, __file__], env=environment, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == 'ready\n'
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def ros2(environment):
+    """Run the tool to its end, or until a signal after so many seconds."""
+
+    def run(*args, until=None, code=0, **options):
+        process = subprocess.Popen(
+            [TOOL, *map(str, args)],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            **options,
+        )
+        try:
+            if until is not None:
+                time.sleep(until)
+                process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=30)
+        finally:
+            process.kill()
+        assert process.returncode == code, out + err
+        assert 'Traceback' not in err
+        return subprocess.CompletedProcess(args, process.returncode, out, err)
+
+    return run
+
+
+def test_lists_show_what_runs(bench, ros2):
+    topics = ros2('topic', 'list', '-t').stdout.splitlines()
+    assert '/joint_trajectory [pkm_interfaces/msg/SampledTrajectory]' in topics
+    assert not [topic for topic in topics if topic.startswith('/_')]
+    assert '/_hidden' in ros2('topic', 'list', '--include-hidden-topics').stdout.splitlines()
+    assert ' * /mixed [std_msgs/msg/String] 2 publishers\n' in ros2('topic', 'list', '--verbose').stdout
+    assert ros2('node', 'list').stdout == '/pkm/bench\n'
+    hidden, shown = ros2('node', 'list', '-a').stdout.splitlines()
+    assert hidden.startswith('/_ros2cli_')
+    assert shown == '/pkm/bench'
+
+
+def test_echo_prints_a_latched_message_as_yaml(bench, ros2):
+    assert ros2('topic', 'echo', '/joint_trajectory', '--once', '-l', 3).stdout == TRAJECTORY
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'text'),
+    [
+        (['--field', 'coordinates'], "['q1', 'q2']\n---\n"),
+        (['--field', 'cycle', 'pkm_interfaces/msg/SampledTrajectory'], '3\n---\n'),
+        (['--csv', '-l', '2'], '3,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,\n'),
+        (['--csv', '--no-arr', '--field', 'cycle'], '3\n---\n'),
+    ],
+)
+def test_echo_selects_and_formats(bench, ros2, arguments, text):
+    assert ros2('topic', 'echo', '/joint_trajectory', '--once', *arguments).stdout == text
+
+
+def test_echo_abbreviates_arrays_and_strings(bench, ros2):
+    text = ros2('topic', 'echo', '/joint_trajectory', '--once', '--no-arr', '--no-str').stdout
+    assert "motion: '<string length: <9>>'\n" in text
+    assert "coordinates: '<sequence type: string, length: 2>'\n" in text
+    assert "position: '<sequence type: double, length: 200>'\n" in text
+
+
+def test_echo_fits_all_publishers_and_ends_with_its_reader(bench, ros2):
+    text = ros2('topic', 'echo', '/mixed', '--once').stdout
+    assert text == (
+        'Some, but not all, publishers are offering QoSReliabilityPolicy.RELIABLE. '
+        'Falling back to QoSReliabilityPolicy.BEST_EFFORT as it will connect to all publishers\n'
+        'data: hello\n---\n'
+    )
+    raw = ros2('topic', 'echo', '/chatter', '--once', '--raw', '--qos-reliability', 'reliable').stdout
+    assert raw == r"b'\x00\x01\x00\x00\x06\x00\x00\x00hello\x00\x00\x00'" + '\n---\n'
+
+
+def test_echo_ends_quietly_on_ctrl_c_and_timeout(bench, ros2):
+    assert ros2('topic', 'echo', '/chatter', until=5, code=signal.SIGINT).stdout.startswith('data: hello\n---\n')
+    assert ros2('topic', 'echo', '/silent', 'std_msgs/msg/String', '--timeout', 0.5).stdout == ''
+
+
+def test_hz_prints_the_rate_and_says_whose_it_is(bench, ros2):
+    result = ros2('topic', 'hz', '/chatter', '--window', 10, until=8, code=signal.SIGINT)
+    reports = re.findall(
+        r'average rate: ([\d.]+)\n\tmin: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: (\d+)\n', result.stdout
+    )
+    assert reports[-1][1] == '10'
+    assert 10.0 < float(reports[-1][0]) < 30.0  # published at 20 Hz; a busy machine bunches ten messages
+    assert 'at which this tool receives' in result.stderr
+
+
+def test_rate_is_that_of_the_window():
+    rate = ReceiveRate(window=4)
+    reports = [rate.count(now) for now in (0, 1_000_000_000, 1_500_000_000, 2_000_000_000)]
+    assert reports == [None] * 3 + ['average rate: 1.500\n\tmin: 0.500s max: 1.000s std dev: 0.23570s window: 3']
+    assert rate.count(500) is None  # time was reset: starts anew
+    assert rate.count(1000) is None
+
+
+def test_service_call_prints_request_and_response(bench, ros2):
+    text = ros2('service', 'call', '/set', 'std_srvs/srv/SetBool', '{data: true}').stdout
+    assert text.removeprefix('waiting for service to become available...\n') == (
+        'requester: making request: std_srvs.srv.SetBool_Request(data=True)\n\n'
+        "response:\nstd_srvs.srv.SetBool_Response(success=True, message='')\n\n"
+    )
+
+
+def test_goal_is_followed_to_its_end(bench, ros2):
+    goal = '{cycles: 1, poses: [{x: 0.1}]}'
+    text = ros2('action', 'send_goal', '-f', '/execute_motion', MOTION, goal).stdout
+    assert re.sub('[0-9a-f]{32}', 'ID', text) == (
+        'Waiting for an action server to become available...\n'
+        "Sending goal:\n     motion: ''\nposes:\n- x: 0.1\n  y: 0.0\n  z: 0.0\n  phi: 0.0\nmove_time: 0.0\ncycles: 1\n"
+        "controller: ''\nlearning_law: ''\n\n"
+        'Goal accepted with ID: ID\n\n'
+        'Feedback:\n    cycle: 1\njoints:\n- q1\nmax_dynamic_error:\n- 1.0e-06\n\n'
+        "Result:\n    cycles_completed: 1\nmessage: ''\n\n"
+        'Goal finished with status: SUCCEEDED\n'
+    )
+
+
+@pytest.mark.parametrize(
+    ('goal', 'end'),
+    [('{cycles: 1, motion: bad}', 'Goal finished with status: ABORTED\n'), ('{cycles: 0}', 'Goal was rejected.\n')],
+)
+def test_goal_that_fails_says_so(bench, ros2, goal, end):
+    assert ros2('action', 'send_goal', '/execute_motion', MOTION, goal).stdout.endswith(end)
+
+
+def test_ctrl_c_cancels_the_goal(bench, ros2):
+    goal = '{cycles: 1000, motion: long}'
+    text = ros2('action', 'send_goal', '/execute_motion', MOTION, goal, until=8, code=signal.SIGINT).stdout
+    assert text.endswith('Canceling goal...\nGoal canceled.\n')
+    assert bench.stdout.readline() == 'canceled long\n'
+
+
+def test_parameters_are_listed_read_and_set(bench, ros2):
+    assert {'  gain', '  name', '  weights'} <= set(ros2('param', 'list', '/pkm/bench').stdout.splitlines())
+    assert ros2('param', 'list', '--param-type', '--filter', 'w').stdout == (
+        '/pkm/bench:\n  weights (type: double array)\n'
+    )
+    assert ros2('param', 'get', 'pkm/bench', 'weights').stdout == 'Double values are: [1.0, 2.0]\n'
+    assert ros2('param', 'set', '/pkm/bench', 'gain', '3.5').stdout == 'Set parameter successful\n'
+    assert ros2('param', 'get', '/pkm/bench', 'gain').stdout == 'Double value is: 3.5\n'
+    assert ros2('param', 'set', '/pkm/bench', 'gain', '11.0').stderr == (
+        'Setting parameter failed: gain must be at most 10\n'
+    )
+    assert ros2('param', 'set', '/pkm/bench', 'name', '2024-01-01').stdout == 'Set parameter successful\n'
+    assert ros2('param', 'get', '/pkm/bench', 'name', '--hide-type').stdout == '2024-01-01\n'
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'error'),
+    [
+        ('nope', 2, "invalid choice: 'nope'"),
+        ('topic nope', 2, "invalid choice: 'nope'"),
+        ('topic echo /chatter --truncate-length -1', 2, 'value must be non-negative integer'),
+        ('topic echo /nope', 1, 'Could not determine the type for the passed topic\n'),
+        ('topic hz /nope', 1, 'Could not determine the type for the passed topic\n'),
+        ('topic echo /chatter nope/msg/Nope', 1, 'The passed message type is invalid\n'),
+        ('topic echo /chatter --field data.x', 1, "Invalid field 'data.x': 'str' object has no attribute 'x'\n"),
+        ('topic echo /chatter --filter m.x', 1, "Invalid filter 'm.x': 'String' object has no attribute 'x'\n"),
+        ('service call /set nope', 1, 'The passed service type is invalid\n'),
+        ('service call /set std_srvs/srv/SetBool {nope:', 1, "Not valid YAML: '{nope:': expected the node content"),
+        ('service call /set std_srvs/srv/SetBool {nope:\t1}', 1, 'Failed to populate field: '),
+        (
+            'service call /nope std_srvs/srv/SetBool',
+            1,
+            "No service '/nope' of type 'std_srvs/srv/SetBool' within 5.0 s\n",
+        ),
+        ('action send_goal /execute_motion nope', 1, 'The passed action type is invalid\n'),
+        ('param get /nope gain --timeout 1', 1, 'Node not found\n'),
+        ('param get /pkm/bench nope', 1, 'Parameter not set\n'),
+        ('run nope nope', 1, "Package 'nope' not found\n"),
+        ('run pkm_nodes nope', 1, 'No executable found\n'),
+        ('bag info /nope', 2, "Bag path '/nope' does not exist!"),
+    ],
+)
+def test_bad_input_is_one_clear_line(bench, ros2, arguments, code, error):
+    err = ros2(*arguments.split(' '), code=code).stderr
+    assert error in err
+    assert code == 2 or err.count('\n') == 1 + err.startswith('This is the rate')
+
+
+@pytest.mark.parametrize('value', ['-1', '4294967296', 'abc'])
+def test_value_that_does_not_fit_is_refused(bench, ros2, value):
+    result = ros2('action', 'send_goal', '/execute_motion', MOTION, f'{{cycles: {value}}}', code=1)
+    assert result.stderr.startswith('Failed to populate message fields: ')
+
+
+def test_run_becomes_the_executable(ros2):
+    assert 'Usage: pkm' in ros2('run', 'pkm_core', 'pkm', '--help').stdout
+    assert ros2('run', '--prefix', 'echo -n', 'pkm_core', 'pkm', '--ros-args', '-p', 'x:=1').stdout == (
+        f'{ROOT}/.venv/lib/pkm_core/pkm --ros-args -p x:=1'
+    )
+
+
+def write_bag(path):
+    types = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        message_type = 'std_msgs/msg/UInt8'
+        connection = writer.add_connection('/count', message_type, typestore=types)
+        for i in range(3):
+            data = types.serialize_cdr(types.types[message_type](data=i), message_type)
+            writer.write(connection, 1_700_000_000_000_000_001 + i * 500_000_000, data)
+    return path / f'{path.name}.mcap'
+
+
+def bag_text(file, size, distro):
+    return (
+        f'\nFiles:             {file}\nBag size:          {size}\nStorage id:        mcap\nROS Distro:        {distro}\n'
+        'Duration:          1.000000000s\n'
+        'Start:             Nov 14 2023 22:13:20.000000001 (1700000000.000000001)\n'
+        'End:               Nov 14 2023 22:13:21.000000001 (1700000001.000000001)\n'
+        'Messages:          3\n'
+        'Topic information: Topic: /count | Type: std_msgs/msg/UInt8 | Count: 3 | Serialization Format: cdr\n'
+        'Service:           0\nService information: \n'
+    )
+
+
+def test_bag_info_of_a_folder_and_of_a_file(ros2, tmp_path):
+    file = write_bag(tmp_path / 'bag')
+    assert file.stat().st_size > 1024
+    folder_size = sum(entry.stat().st_size for entry in file.parent.iterdir()) / 1024
+    assert ros2('bag', 'info', file.parent).stdout == bag_text(file.name, f'{folder_size:.1f} KiB', 'rosbags')
+    assert ros2('bag', 'info', file).stdout == bag_text(file, f'{file.stat().st_size / 1024:.1f} KiB', 'unknown')
+    assert ros2('bag', 'info', '-t', file).stdout == '/count\n'
+
+
+def test_bag_info_of_damaged_bags(ros2, tmp_path):
+    file = write_bag(tmp_path / 'bag')
+    file.write_bytes(file.read_bytes()[:-40])  # the end of a killed recording: no footer
+    result = ros2('bag', 'info', file)
+    assert 'Messages:          3\n' in result.stdout
+    assert 'has no summary' in result.stderr
+    file.write_text('no bag')
+    assert 'No plugin detected that could open file' in ros2('bag', 'info', file, code=1).stderr
+    (tmp_path / 'bag' / 'metadata.yaml').write_text('a: [')
+    assert 'Exception on parsing info file: ' in ros2('bag', 'info', tmp_path / 'bag', code=1).stderr
+    assert 'Could not find metadata in bag directory' in ros2('bag', 'info', tmp_path, code=1).stderr
+
+
+def test_real_ros2_on_path_takes_over(environment, tmp_path):
+    links, real = tmp_path / 'links', tmp_path / 'real'
+    links.mkdir()
+    real.mkdir()
+    (links / 'ros2').symlink_to(TOOL)
+    (real / 'ros2').write_text('#!/bin/sh\necho "real $# $3"; cat; exit 7\n')
+    (real / 'ros2').chmod(0o755)
+    result = subprocess.run(
+        [links / 'ros2', 'topic', 'pub', 'a b'],
+        env=environment | {'PATH': f'{links}:{TOOL.parent}:{real}:/usr/bin:/bin'},
+        input='from stdin',
+        capture_output=True,
+        text=True,
+        timeout=10,
+        check=False,
+    )
+    assert (result.returncode, result.stdout) == (7, 'real 3 a b\nfrom stdin')
+
+
+def main():
+    rclpy.init()
+    node = Bench()
+    executor = MultiThreadedExecutor(4)
+    executor.add_node(node)
+    print('ready', flush=True)
+    try:
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()
