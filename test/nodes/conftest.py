@@ -21,7 +21,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from pkm_core.machines import load_machine
 from pkm_core.motions import Motion, Target, plan
+from pkm_core.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.conversions import trajectory_to_msg
 from pkm_nodes.events import NAMES
 from pkm_nodes.node import PkmNode, reliable
 
@@ -170,3 +172,14 @@ def short_motion(machine):
         settle_window=4e-3,
     )
     return plan(machine, motion)
+
+
+@pytest.fixture
+def joint_trajectory(machine, short_motion):
+    """Return a function that makes the message of `short_motion` in joints."""
+    joints = to_joints(machine, short_motion)
+
+    def message(cycle, *, motion='short', learning_law='none'):
+        return trajectory_to_msg(joints, cycle=cycle, motion=motion, learning_law=learning_law)
+
+    return message

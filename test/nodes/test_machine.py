@@ -300,7 +300,6 @@ def test_carriage_that_runs_into_its_stop_is_a_fault(graph, controllers):
         assert {s.mode for s in heard[:answered]} == {EncoderSample.RUN}
         assert {s.mode for s in heard[answered:]} == {EncoderSample.SAFE_STOP}
         last = [s.counts for s in heard[-20:]]
-        print(max(last)-min(last))
         assert max(last) - min(last) <= 5, 'it stands, but for the noise of the encoders: 1 um in 10 ms'
 
 

@@ -44,7 +44,9 @@ def typestore():
             for path in sorted(folder.glob('*.msg')):
                 store.register(get_types_from_msg(path.read_text(encoding='utf-8'), f'pkm_interfaces/msg/{path.stem}'))
             return store
-    raise BagError(f'pkm_interfaces is not built in any of {[str(p) for p in install_prefixes()]}; run bringup_scripts/setup')
+    raise BagError(
+        f'pkm_interfaces is not built in any of {[str(p) for p in install_prefixes()]}; run bringup_scripts/setup'
+    )
 
 
 class BagWriter:
@@ -148,7 +150,9 @@ class BagWriter:
         (self.path / 'metadata.yaml').write_text(_dump({'rosbag2_bagfile_information': info}), encoding='utf-8')
         with self._file.open('rb') as stream:
             statistics = make_reader(stream).get_summary().statistics
-        written = {topic: statistics.channel_message_counts.get(channel, 0) for topic, channel in self._channels.items()}
+        written = {
+            topic: statistics.channel_message_counts.get(channel, 0) for topic, channel in self._channels.items()
+        }
         if any(written[topic] != self.counts[topic] for topic in self._topics):
             raise BagError(f'{self._file}: holds {written} messages; {dict(self.counts)} were written')
 

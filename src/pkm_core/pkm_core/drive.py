@@ -15,9 +15,8 @@ from numba import njit
 @njit(cache=True)
 def dac_output(volts, voltage_limit, step):
     """Return the voltage [V] a converter with codes of `step` gives for `volts`, saturated at +-`voltage_limit`."""
-    code = math.floor(volts / step + 0.5)
-    half = round(voltage_limit / step)
-    return step * min(max(code, -half), half - 1.0)
+    within = min(max(volts, -voltage_limit), voltage_limit - step)
+    return step * math.floor(within / step + 0.5)
 
 
 @njit(cache=True)

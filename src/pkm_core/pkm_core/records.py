@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from pkm_core.bags import column, read_metadata, read_topics
 from pkm_core.errors import BagError
 from pkm_core.metrics import axis_metrics
@@ -71,9 +72,7 @@ def read_cycle(path, namespace='/pkm'):
         return np.stack([column(taken[:length], field) for taken in per_joint], axis=1)
 
     info = read_metadata(path)
-    recorded = {
-        topic['topic_metadata']['name']: topic['message_count'] for topic in info['topics_with_message_count']
-    }
+    recorded = {topic['topic_metadata']['name']: topic['message_count'] for topic in info['topics_with_message_count']}
     return CycleRecord(
         path=Path(path),
         motion=trajectory.motion,

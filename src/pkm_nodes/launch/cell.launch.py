@@ -8,17 +8,26 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
 from pkm_nodes.graph import NodeSpec, cell_nodes
 
 ARGUMENTS = [
-    DeclareLaunchArgument('machine', default_value='four_dof', description='machine of config/machines, or a YAML file'),
     DeclareLaunchArgument(
-        'arrangement', default_value='composed', choices=['composed', 'processes'], description='one process, or one a node'
+        'machine', default_value='four_dof', description='machine of config/machines, or a YAML file'
+    ),
+    DeclareLaunchArgument(
+        'arrangement',
+        default_value='composed',
+        choices=['composed', 'processes'],
+        description='one process, or one a node',
     ),
     DeclareLaunchArgument('namespace', default_value='pkm', description='where the cell lives in the graph'),
     DeclareLaunchArgument('seed', default_value='1', description='seed of everything random in the machine'),
     DeclareLaunchArgument(
-        'environment', default_value='nominal', choices=['ideal', 'nominal', 'hard'], description='how rough the world is'
+        'environment',
+        default_value='nominal',
+        choices=['ideal', 'nominal', 'hard'],
+        description='how rough the world is',
     ),
     DeclareLaunchArgument('folder', default_value='bags', description='folder that takes one bag a cycle'),
 ]

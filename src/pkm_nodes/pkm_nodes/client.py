@@ -7,12 +7,12 @@ from time import monotonic
 
 import rclpy
 from action_msgs.msg import GoalStatus
-from pkm_interfaces.action import ExecuteMotion
-from pkm_interfaces.msg import CycleEvent
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 
 from pkm_core.errors import PkmError
+from pkm_interfaces.action import ExecuteMotion
+from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.events import subscribe_events
 from pkm_nodes.node import PkmNode
 
@@ -82,7 +82,7 @@ class CellClient:
         machines = self._node.get_node_names_and_namespaces().count(('machine', namespace))
         if machines > 1:
             raise PkmError(
-                f'{machines} machines run in {namespace}; stop the other cell, or set another ROS_DOMAIN_ID for this one'
+                f'{machines} machines run in {namespace}; stop the other cell, or give this one another ROS_DOMAIN_ID'
             )
 
     def execute(self, motion, cycles, law, check, on_feedback):

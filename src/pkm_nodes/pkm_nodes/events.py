@@ -16,9 +16,7 @@ class CycleEvents:
     def publish(self, event, cycle, *, tick=0, samples=0, message=''):
         """Publish `event` (a constant of CycleEvent) of `cycle`."""
         self._publisher.publish(
-            CycleEvent(
-                event=event, source=self._source, cycle=cycle, tick=tick, samples=samples, message=message
-            )
+            CycleEvent(event=event, source=self._source, cycle=cycle, tick=tick, samples=samples, message=message)
         )
 
 

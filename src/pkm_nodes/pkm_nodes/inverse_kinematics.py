@@ -26,9 +26,7 @@ class InverseKinematicsNode(PkmNode):
     def _on_poses(self, message):
         machine = self._machine
         try:
-            poses = trajectory_from_msg(
-                message, coordinates=machine.coordinates, sample_time=machine.sample_time
-            )
+            poses = trajectory_from_msg(message, coordinates=machine.coordinates, sample_time=machine.sample_time)
             joints = to_joints(machine, poses)
         except PkmError as error:
             self.get_logger().error(f'pose_trajectory refused: {error}')

@@ -35,7 +35,7 @@ class JointControllerNode(PkmNode):
         super().__init__(name, **kwargs)
         machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
         joint = self.setting('joint', machine.joints[0], f'which joint: one of {list(machine.joints)}')
-        control = self.setting('control', '', 'gains: file of config/control or a YAML file; empty for the machine\'s')
+        control = self.setting('control', '', "gains: file of config/control or a YAML file; empty for the machine's")
         self.check_settings()
         if joint not in machine.joints:
             raise ConfigError(f'{name}: joint {joint!r}; {machine.name} has {list(machine.joints)}')
@@ -111,7 +111,8 @@ class JointControllerNode(PkmNode):
 
     def _on_sample(self, sample):
         """Answer one encoder tick: the hot path."""
-        if sample.mode != EncoderSample.RUN:  # a safe stop: the cycle is over, and the next one begins as after power-up
+        if sample.mode != EncoderSample.RUN:
+            # a safe stop: the cycle is over, and the next one begins as after power-up
             self._loaded = False
             self._controller.reset()
             return
@@ -163,11 +164,15 @@ class JointControllerNode(PkmNode):
         if future is not self._learning:
             return
         self._learning = None
-        response = future.result()
-        if not response.success:
-            self.get_logger().error(f'learning refused: {response.message}; going on with the feedforward I have')
+        response, samples = future.result(), len(self._feedforward)
+        feedforward = np.array(response.feedforward)
+        refusal = '' if response.success else f'learning refused: {response.message}'
+        if response.success and (len(feedforward) != samples or not np.isfinite(feedforward).all()):
+            refusal = f'learning answered {feedforward} ({len(feedforward)} values); expected {samples} finite ones'
+        if refusal:
+            self.get_logger().error(f'{refusal}; going on with the feedforward I have')
             return
-        self._feedforward = np.array(response.feedforward)
+        self._feedforward = feedforward
         self._iteration += 1
 
 

@@ -20,7 +20,7 @@ class LearningNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('learning', **kwargs)
         machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
-        control = self.setting('control', '', 'gains: file of config/control or a YAML file; empty for the machine\'s')
+        control = self.setting('control', '', "gains: file of config/control or a YAML file; empty for the machine's")
         self.check_settings()
         gains = load_control(machine, control or None)
         self._law = cache(lambda name: make_law(name, machine, gains))

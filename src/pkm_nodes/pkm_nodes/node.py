@@ -58,9 +58,7 @@ class PkmNode(Node):
 
     def on_tick_topic(self, message_type, topic, callback, *, raw=False):
         """Subscribe to a topic of the servo tick: served by the lock-step wait set, before everything else."""
-        return self.create_subscription(
-            message_type, topic, callback, TICK_QOS, callback_group=self.hot_group, raw=raw
-        )
+        return self.create_subscription(message_type, topic, callback, TICK_QOS, callback_group=self.hot_group, raw=raw)
 
 
 def run(make_nodes, args=None):

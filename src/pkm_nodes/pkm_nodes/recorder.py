@@ -2,9 +2,9 @@
 Node `recorder`: one MCAP bag per motion cycle, every sample accounted for.
 
 Messages are taken raw, as the serialized bytes DDS delivers, and sorted into cycles by the tick, cycle or stamp they
-begin with. On recorder/tick it reports how far it has come, first when it is connected to every joint: a machine told to
-wait for it neither starts too early nor runs out of its queue. A bag is closed when everything its cycle must hold has
-arrived, then checked and announced with a RECORDED event.
+begin with. On recorder/tick it reports how far it has come, first when it is connected to every joint: a machine told
+to wait for it neither starts too early nor runs out of its queue. A bag is closed when everything its cycle must hold
+has arrived, then checked and announced with a RECORDED event.
 """
 
 import json

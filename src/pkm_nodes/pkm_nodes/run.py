@@ -31,7 +31,9 @@ class Arrangement(StrEnum):
 
 def run(
     machine: Annotated[str, typer.Option(help='Machine of config/machines, or a YAML file.')] = 'four_dof',
-    motion: Annotated[str, typer.Option(help="Motion of config/motions, or a YAML file; '' is the machine's own.")] = '',
+    motion: Annotated[
+        str, typer.Option(help="Motion of config/motions, or a YAML file; '' is the machine's own.")
+    ] = '',
     cycles: Annotated[int, typer.Option(min=1, help='Learning cycles.')] = 12,
     law: Annotated[str, typer.Option(help=f'Learning law: none, {", ".join(LAWS)}.')] = 'fourier_pid',
     seed: Annotated[int, typer.Option(min=0, help='Seed of everything random in the machine.')] = 1,
@@ -52,12 +54,15 @@ def run(
     motion = motion or default_motion(model)
     to_joints(model, plan(model, load_motion(motion)))  # a motion that cannot be driven starts no process
     if law not in ('none', *LAWS):
-        raise PkmError(f"--law: {law!r} is unknown; known: {['none', *LAWS]}")
+        raise PkmError(f'--law: {law!r} is unknown; known: {["none", *LAWS]}')
     out = writable_folder(out or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{model.name}')
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} holds the results of another run; name an empty folder')
 
-    log = _drive(console, machine, motion, cycles, law, seed, environment, arrangement.value, out)
+    try:
+        log = _drive(console, machine, motion, cycles, law, seed, environment, arrangement.value, out)
+    except PkmError as error:
+        raise PkmError(f'{error}\nwhat the cell printed and recorded is in {out}') from None
     records = [read_cycle(path) for path in log.bags]
     results = {
         'machine': model.name,
@@ -103,7 +108,9 @@ def _drive(console, machine, motion, cycles, law, seed, environment, arrangement
         def on_feedback(feedback):
             worst = max(feedback.max_dynamic_error) * 1e6
             progress.update(
-                task, completed=feedback.cycle, description=f'{Path(motion).stem}, law {law}: worst axis {worst:5.1f} um'
+                task,
+                completed=feedback.cycle,
+                description=f'{Path(motion).stem}, law {law}: worst axis {worst:5.1f} um',
             )
 
         return client.execute(motion, cycles, law, cell.check, on_feedback)
@@ -120,8 +127,9 @@ def _print_account(console, results, out):
     counted = [entry for entry in results['messages'].values() if entry['expected'] is not None]
     recorded, expected = (sum(entry[key] for entry in counted) for key in ('recorded', 'expected'))
     console.print(
-        f'{results["ticks"]} ticks in {len(results["cycles"])} cycles, {results["ticks_per_second_in_cycles"]:.0f} ticks/s '
-        f'while moving, {results["ticks_per_second"]:.0f} ticks/s with the pauses for learning ({results["arrangement"]})'
+        f'{results["ticks"]} ticks in {len(results["cycles"])} cycles: '
+        f'{results["ticks_per_second_in_cycles"]:.0f} ticks/s while moving, '
+        f'{results["ticks_per_second"]:.0f} ticks/s with the pauses for learning ({results["arrangement"]})'
     )
     console.print(f'{recorded} messages recorded of {expected} expected: {expected - recorded} lost')
     console.print(f'bags, results.json and learning.png are in {out}', soft_wrap=True)

@@ -1,0 +1,7 @@
+#!/bin/bash
+# Gives every command the ROS installation and the cell built on it.
+set -e
+source /opt/ros/jazzy/setup.bash
+source /cell/install/setup.bash
+export PATH=/cell/install/lib/pkm_core:$PATH
+exec "$@"

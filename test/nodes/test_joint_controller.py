@@ -1,0 +1,388 @@
+"""One joint controller; the test stands in the place of the machine and of the learning service."""
+
+import math
+from array import array
+
+import numpy as np
+import pytest
+from rclpy.exceptions import ParameterException
+from rclpy.task import Future
+
+from pkm_core.control.model import load_model
+from pkm_core.control.robust import RobustController, load_control
+from pkm_core.errors import ConfigError
+from pkm_core.metrics import axis_metrics
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
+from pkm_interfaces.srv import UpdateFeedforward
+from pkm_nodes import joint_controller
+from pkm_nodes.joint_controller import JointControllerNode
+
+UM = 1e-6
+SAMPLES = 40  # of the short motion
+
+
+class Axis:
+    """The test in the place of the machine's axis d3."""
+
+    column = 1
+
+    def __init__(self, graph, joint_trajectory):
+        self._graph = graph
+        self.message = joint_trajectory
+        self._trajectories = graph.publisher(SampledTrajectory, 'joint_trajectory')
+        self._samples = graph.publisher(EncoderSample, 'd3/encoder')
+        self.commands = graph.listen(MotorCommand, 'd3/command')
+        self.reference = np.array(joint_trajectory(0).position).reshape(SAMPLES, 4)[:, self.column]
+        self._tick = 0
+
+    def send(self, trajectory):
+        self._trajectories.publish(trajectory)
+
+    def load(self, cycle, **named):
+        self.send(self.message(cycle, **named))
+        return self._graph.next_event(CycleEvent.LOADED, cycle=cycle)
+
+    def sample(self, cycle, index, position, mode=EncoderSample.RUN):
+        self._samples.publish(
+            EncoderSample(tick=self._tick, cycle=cycle, index=index, position=position, mode=mode)
+        )
+        self._tick += 1
+
+    def answer(self):
+        """Return the one command that has come."""
+        self._graph.spin_until(lambda: self.commands, 'a command')
+        return self.commands.pop()
+
+    def run(self, cycle, error=lambda index: 0.0):
+        """Play a whole cycle in which the slider lags by `error` [m]; return the commands."""
+        commands = []
+        for index, reference in enumerate(self.reference):
+            self.sample(cycle, index, reference - error(index))
+            commands.append(self.answer())
+        return commands
+
+
+@pytest.fixture
+def axis(graph, joint_trajectory):
+    return Axis(graph, joint_trajectory)
+
+
+@pytest.fixture
+def law(machine):
+    """Return the law of d3 as the core has it, with the short motion to be loaded."""
+    return RobustController(
+        load_control(machine)['d3'], load_model(machine)['d3'], machine.sample_time, machine.voltage_limit
+    )
+
+
+class Learning:
+    """The test in the place of the learning service: notes the requests and gives the answers it is told to."""
+
+    def __init__(self, graph):
+        self.requests = []
+        self.answers = []
+        graph.node.create_service(UpdateFeedforward, 'learning/update', self._on_update)
+
+    def _on_update(self, request, response):
+        self.requests.append(request)
+        response.success, response.message, response.feedforward = self.answers.pop(0)
+        return response
+
+    def will_answer(self, feedforward):
+        self.answers.append((True, '', array('d', feedforward)))
+
+    def will_refuse(self, message):
+        self.answers.append((False, message, array('d')))
+
+
+@pytest.fixture
+def learning(graph):
+    return Learning(graph)
+
+
+def feedforward_of(commands):
+    return [command.feedforward for command in commands]
+
+
+def test_controller_is_silent_before_a_trajectory(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    axis.sample(1, 0, 0.14)
+    graph.spin_in_silence()
+    assert not axis.commands
+    assert not graph.events
+
+
+def test_loaded_trajectory_is_reported_with_its_length(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    loaded = axis.load(5)
+    assert (loaded.source, loaded.cycle, loaded.samples) == ('d3', 5, SAMPLES)
+    axis.load(5)  # sent again, reported again: the machine may have come up late
+
+
+def test_trajectory_is_loaded_only_when_somebody_takes_the_commands(graph, joint_trajectory):
+    graph.start(JointControllerNode, joint='d3')
+    graph.publisher(SampledTrajectory, 'joint_trajectory').publish(joint_trajectory(1))
+    graph.spin_in_silence()
+    assert not graph.events
+    graph.listen(MotorCommand, 'd3/command')
+    graph.next_event(CycleEvent.LOADED, cycle=1)
+
+
+def test_every_tick_is_answered_with_the_voltage_of_the_law_and_reference_minus_measured(graph, axis, law, joint_trajectory):
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    message = joint_trajectory(1)
+    law.load(
+        *(np.array(getattr(message, n)).reshape(-1, 4)[:, 1] for n in ('position', 'velocity', 'acceleration', 'jerk')),
+        np.zeros(SAMPLES),
+    )
+    lag = np.linspace(-3, 7, SAMPLES) * UM
+    commands = axis.run(1, lambda index: lag[index])
+    for index, command in enumerate(commands):
+        measured = axis.reference[index] - lag[index]
+        voltage, _ = law.update(index, measured)
+        assert (command.tick, command.cycle) == (index, 1)
+        assert command.error == axis.reference[index] - measured
+        assert command.voltage == voltage
+        assert command.feedforward == 0.0
+
+
+def test_samples_of_another_cycle_or_of_a_safe_stop_are_not_answered(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    axis.sample(2, 0, 0.14)
+    axis.sample(1, 0, 0.14)
+    assert axis.answer().tick == 1
+    axis.sample(1, 1, 0.14, EncoderSample.SAFE_STOP)
+    axis.sample(1, 1, 0.14)
+    graph.spin_in_silence()
+    assert not axis.commands
+
+
+def test_after_a_safe_stop_the_law_starts_afresh(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    fresh = [command.voltage for command in axis.run(1)]
+    axis.load(2)
+    axis.sample(2, 0, axis.reference[0] - 50 * UM)
+    axis.answer()
+    axis.sample(2, 1, axis.reference[0] - 400 * UM, EncoderSample.SAFE_STOP)
+    axis.load(3)
+    assert [command.voltage for command in axis.run(3)] == fresh
+
+
+def test_position_that_is_not_finite_is_not_answered_and_the_next_one_is(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    axis.sample(1, 0, math.nan)
+    axis.sample(1, 0, axis.reference[0])
+    command = axis.answer()
+    assert (command.tick, command.error) == (1, 0.0)
+    assert math.isfinite(command.voltage)
+
+
+def test_index_beyond_the_cycle_is_not_answered(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    axis.sample(1, SAMPLES, axis.reference[0])
+    axis.sample(1, 0, axis.reference[0])
+    assert axis.answer().tick == 1
+
+
+def with_nan(message):
+    message.velocity[4 * 7 + 2] = math.nan
+
+
+def with_a_row_missing(message):
+    message.jerk = message.jerk[:-4]
+
+
+def with_a_value_missing(message):
+    message.position = message.position[:-1]
+
+
+def with_poses(message):
+    message.coordinates = ['x', 'y', 'z', 'phi']
+
+
+def at_1_khz(message):
+    message.sample_time = 1e-3
+
+
+def with_a_move_beyond_the_end(message):
+    message.move_ends[-1] = SAMPLES
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'text'),
+    [
+        (with_nan, 'velocity of d5 at sample 7 is nan; expected a finite number'),
+        (with_a_row_missing, 'jerk has shape (39, 4); expected (40, 4)'),
+        (with_a_value_missing, '159 position values; expected a multiple of 4 columns'),
+        (with_poses, "has coordinates ['x', 'y', 'z', 'phi']; expected ['d1', 'd3', 'd5', 'd7']"),
+        (at_1_khz, 'has a sample time of 0.001 s; expected 0.0005 s'),
+        (with_a_move_beyond_the_end, 'moves from samples [2, 22] to [12, 40]; expected'),
+    ],
+)
+def test_trajectory_that_does_not_fit_is_refused_and_the_next_one_is_loaded(graph, axis, spoil, text):
+    graph.start(JointControllerNode, joint='d3')
+    message = axis.message(2)
+    spoil(message)
+    axis.send(message)
+    refused = graph.next_event(CycleEvent.REFUSED)
+    assert (refused.source, refused.cycle) == ('d3', 2)
+    assert 'cycle 2: ' in refused.message
+    assert text in refused.message
+    axis.load(3)
+    axis.run(3)
+
+
+def test_metrics_of_a_cycle_are_those_of_its_errors(graph, axis, machine):
+    graph.start(JointControllerNode, joint='d3')
+    metrics = graph.listen(CycleMetrics, 'd3/cycle_metrics')
+    axis.load(1)
+    commands = axis.run(1, lambda index: 3 * UM if index == 30 else 0.1 * UM)
+    graph.spin_until(lambda: metrics, 'the metrics of the cycle')
+    message = axis.message(1)
+    expected = axis_metrics([c.error for c in commands], message.move_starts, message.move_ends, machine.sample_time)
+    assert (metrics[0].cycle, metrics[0].joint) == (1, 'd3')
+    for name in ('max_dynamic_error', 'settling_time_5um', 'settling_time_1um', 'steady_state_error'):
+        assert getattr(metrics[0], name) == getattr(expected, name)
+
+
+def test_learning_is_asked_after_the_last_tick_and_its_answer_is_the_next_feedforward(graph, axis, learning, machine):
+    graph.start(JointControllerNode, joint='d3')
+    learned = [0.01 * index for index in range(SAMPLES)]
+    learning.will_answer(learned)
+    learning.will_answer([2.0] * SAMPLES)
+
+    axis.load(1, learning_law='fourier')
+    first = axis.run(1, lambda index: index * UM)
+    assert feedforward_of(first) == [0.0] * SAMPLES
+    axis.load(2, learning_law='fourier')
+    assert feedforward_of(axis.run(2)) == learned
+    axis.load(3, learning_law='fourier')
+    assert feedforward_of(axis.run(3)) == [2.0] * SAMPLES
+
+    before, after = learning.requests[:2]
+    assert (before.joint, before.law, before.motion, before.iteration) == ('d3', 'fourier', 'short', 0)
+    assert before.sample_time == machine.sample_time
+    assert list(before.error) == [command.error for command in first]
+    assert list(before.feedforward) == [0.0] * SAMPLES
+    assert after.iteration == 1
+    assert list(after.feedforward) == learned
+
+
+def test_learned_feedforward_adds_to_the_voltage(graph, axis, learning):
+    graph.start(JointControllerNode, joint='d3')
+    # a lead of zero: loading does not shift the integrator, so the voltages differ by the learned part alone
+    learning.will_answer([0.0] * 30 + [0.5] * 10)
+    axis.load(1, learning_law='fourier')
+    first = axis.run(1)
+    axis.load(2, learning_law='fourier')
+    second = axis.run(2)
+    assert second[30].voltage > first[30].voltage + 0.1
+
+
+def test_nothing_is_learned_with_law_none(graph, axis, learning):
+    graph.start(JointControllerNode, joint='d3')
+    for cycle in (1, 2):
+        axis.load(cycle, learning_law='none')
+        assert feedforward_of(axis.run(cycle, lambda index: index * UM)) == [0.0] * SAMPLES
+    assert not learning.requests
+
+
+def answers_too_short(learning):
+    learning.will_answer([2.0] * (SAMPLES - 1))
+
+
+def answers_nan(learning):
+    learning.will_answer([math.nan] * SAMPLES)
+
+
+def refuses(learning):
+    learning.will_refuse('learning d3: not today')
+
+
+@pytest.mark.parametrize('fails', [refuses, answers_too_short, answers_nan])
+def test_feedforward_stays_when_learning_fails_and_learning_goes_on_from_it(graph, axis, learning, fails):
+    graph.start(JointControllerNode, joint='d3')
+    learning.will_answer([1.0] * SAMPLES)
+    fails(learning)
+    learning.will_answer([3.0] * SAMPLES)
+    applied = []
+    for cycle in range(1, 5):
+        axis.load(cycle, learning_law='fourier')
+        applied.append(axis.run(cycle)[0].feedforward)
+        if cycle < 4:
+            graph.spin_until(lambda n=cycle: len(learning.requests) == n, 'a request to learn')
+    assert applied == [0.0, 1.0, 1.0, 3.0]
+    assert [request.iteration for request in learning.requests[:3]] == [0, 1, 1]
+
+
+@pytest.mark.parametrize('changed', [{'motion': 'other'}, {'learning_law': 'fourier_pid'}, {'motion': 'same name'}])
+def test_changed_motion_or_law_starts_learning_from_zero(graph, axis, learning, changed):
+    graph.start(JointControllerNode, joint='d3')
+    learning.will_answer([1.0] * SAMPLES)
+    learning.will_answer([2.0] * SAMPLES)
+    axis.load(1, learning_law='fourier')
+    axis.run(1)
+    second = axis.message(2, **{'learning_law': 'fourier', **changed})
+    if changed == {'motion': 'same name'}:
+        second.motion = 'short'
+        for row in range(SAMPLES):
+            second.position[4 * row + axis.column] += 10 * UM
+    axis.send(second)
+    graph.next_event(CycleEvent.LOADED, cycle=2)
+    assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
+    graph.spin_until(lambda: len(learning.requests) == 2, 'the second request to learn')
+    assert learning.requests[1].iteration == 0
+    assert list(learning.requests[1].feedforward) == [0.0] * SAMPLES
+
+
+def test_cycle_is_loaded_only_when_learning_has_answered(graph, axis):
+    gate = Future()
+
+    async def answer_later(request, response):
+        response.success, response.feedforward = True, await gate
+        return response
+
+    graph.node.create_service(UpdateFeedforward, 'learning/update', answer_later)
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1, learning_law='fourier')
+    axis.run(1)
+    axis.send(axis.message(2, learning_law='fourier'))
+    graph.spin_in_silence()
+    assert not graph.events
+    gate.set_result(array('d', [1.0] * SAMPLES))
+    graph.next_event(CycleEvent.LOADED, cycle=2)
+    axis.sample(2, 0, axis.reference[0])
+    assert axis.answer().feedforward == 1.0
+
+
+def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
+    monkeypatch.setattr(joint_controller, 'LEARNING_TIMEOUT', 0.2)
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1, learning_law='fourier')
+    axis.run(1)
+    axis.load(2, learning_law='fourier')
+    assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'text'),
+    [
+        ({'joint': 'd2'}, r"joint 'd2'; four_dof has \['d1', 'd3', 'd5', 'd7'\]"),
+        ({'jiont': 'd3'}, r"/pkm/joint_controller has unknown parameter\(s\) \['jiont'\]; known: .*'joint'"),
+        ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown; .*'planar'"),
+        ({'control': 'soft'}, r"control: 'soft' is unknown; .*'four_dof'"),
+    ],
+)
+def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+    with pytest.raises(ConfigError, match=text):
+        graph.start(JointControllerNode, **parameters)
+
+
+def test_parameter_of_the_wrong_type_is_refused_by_name(graph):
+    with pytest.raises(ParameterException, match="joint.*'3'.*INTEGER.*STRING"):
+        graph.start(JointControllerNode, joint=3)
