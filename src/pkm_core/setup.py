@@ -5,6 +5,9 @@ from setuptools import find_packages, setup
 
 CONFIG = sorted(glob('config/*/*.yaml'))  # config is a link to the top level's
 
+# `pkm VERB` is the function VERB of pkm_core/verbs/VERB.py
+VERBS = []
+
 setup(
     name='pkm_core',
     version='0.1.0',
@@ -19,5 +22,8 @@ setup(
     maintainer='PKM cell maintainers',
     maintainer_email='maintainers@pkm-cell.org',
     license='Apache-2.0',
-    entry_points={'console_scripts': ['pkm = pkm_core.cli:main']},
+    entry_points={
+        'console_scripts': ['pkm = pkm_core.cli:main'],
+        'pkm.verbs': [f'{verb} = pkm_core.verbs.{verb.replace("-", "_")}:{verb.replace("-", "_")}' for verb in VERBS],
+    },
 )

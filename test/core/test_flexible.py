@@ -98,15 +98,13 @@ def test_blend_is_the_table_at_its_points_and_stays_within():
 def clean_stage(tmp_path, monkeypatch):
     """Return a function that gives an XY stage with modes only, their frequencies stretched by `shift` up the travel."""
 
-    def make(shift, home):
+    def make(shift):
         shutil.copytree(config_folder(), tmp_path / 'config', dirs_exist_ok=True)
         path = tmp_path / 'config' / 'truth' / 'xy_stage.yaml'
         head, ideal, rest = path.read_text().partition('  ideal:')
         assert 'mode_shift: 0 %' in rest
         rest = rest.replace('modes: false', 'modes: true', 1).replace('mode_shift: 0 %', f'mode_shift: {shift}', 1)
         path.write_text(head + ideal + rest)
-        path = tmp_path / 'config' / 'machines' / 'xy_stage.yaml'
-        path.write_text(path.read_text().replace('home: 20 mm', f'home: {home}'))
         monkeypatch.setenv('PKM_CONFIG', str(tmp_path / 'config'))
         plant = Plant(load_machine('xy_stage'), 1, 'ideal')
         monkeypatch.undo()
@@ -130,7 +128,7 @@ def swept(plant, frequency, amplitude=1.0, seconds=0.5):
 
 @pytest.mark.parametrize('frequency', [90.0, 200.0, 220.0, 238.0, 400.0])
 def test_plant_has_the_identified_response_from_volts_to_position(frequency, clean_stage):
-    plant = clean_stage('0 %', '20 mm')
+    plant = clean_stage('0 %')
     s = 2j * np.pi * frequency
     mass = 8.2023
     rigid = plant.machine.thrust_per_volt / (mass * s * (s + 10.0 * 8.2 / mass))
@@ -143,10 +141,20 @@ def test_plant_has_the_identified_response_from_volts_to_position(frequency, cle
 
 
 def test_resonance_moves_with_position_when_asked(clean_stage):
-    def peak(home):
-        plant = clean_stage('20 %', home)
-        grid = np.arange(180.0, 280.0, 4.0)
-        return grid[np.argmax([abs(swept(plant, f, 0.3, 0.4)) * f**2 for f in grid])]
+    grid = np.arange(200.0, 264.0, 4.0)
 
-    # 220 Hz at home; 20 % more at the upper end (40 mm) counted from home
-    assert peak('20 mm') == pytest.approx(220.0, abs=4.0)
+    def peak_near(ticks):
+        peaks = []
+        for frequency in grid:
+            plant = clean_stage('20 %')
+            for _ in range(ticks):
+                plant.tick([2.0, 0.0])
+            list(plant.brake(400))
+            peaks.append(abs(swept(plant, frequency, 0.3, 0.4)) * frequency**2)
+        return plant.truth.q[0], grid[np.argmax(peaks)]
+
+    at_home, further = peak_near(0), peak_near(60)
+    assert at_home[1] == pytest.approx(220.0, abs=4.0)
+    assert further[0] > 30e-3
+    # 20 % more at 40 mm, counted from the 20 mm of home; grid of 4 Hz
+    assert further[1] == pytest.approx(220.0 * (1.0 + 0.2 * (further[0] - 20e-3) / 20e-3), abs=4.0)

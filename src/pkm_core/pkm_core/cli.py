@@ -25,12 +25,13 @@ def _pkm():
     """Keep `pkm VERB` the form even while there is only one verb."""
 
 
-for _entry in sorted(entry_points(group='pkm.verbs'), key=lambda entry: entry.name):
-    app.command(_entry.name)(_entry.load())
-
-
 def main():
     """Run the command line; a refusal is one line on stderr and code 1."""
+    verbs = {entry.name: entry for entry in sorted(entry_points(group='pkm.verbs'), key=lambda entry: entry.name)}
+    # only the verb that is called is imported, for some take seconds
+    called = [verbs[sys.argv[1]]] if sys.argv[1:2] and sys.argv[1] in verbs else verbs.values()
+    for entry in called:
+        app.command(entry.name)(entry.load())
     try:
         app()
     except PkmError as error:

@@ -5,10 +5,13 @@ Both figures are implied by the thesis's Tables 7.3 and 8.3 (settling times in s
 It sees what the encoders cannot: link errors, offsets of the reference marks, the bend of the belts.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from pkm_core.errors import PkmError
+from pkm_core.machines.checks import ANGLES
 from pkm_core.noise import laser_noise
 from pkm_core.truth import load_truth
 
@@ -36,7 +39,7 @@ class Laser:
 
     def __init__(self, machine, seed, environment='nominal'):
         truth, levels = load_truth(machine, environment)
-        angular = [coordinate in machine.angular for coordinate in machine.coordinates]
+        angular = [coordinate in ANGLES for coordinate in machine.coordinates]
         scale = np.where(angular, 1.0 / truth.laser.rotation_arm, 1.0)  # a rotation is read as a displacement on an arm
         self._step = truth.laser.resolution * scale
         self._noise = levels.laser_noise * scale
@@ -44,12 +47,13 @@ class Laser:
         self._seed = seed
         self._last = None
         self._datum = None
-        self._taken = 0
+        self._number = 0
 
     def zero(self, truth):
-        """Take the end point of `truth` (a PlantTruth) as the datum; measuring goes on from its time."""
+        """Take the end point of `truth` (a PlantTruth) as the datum and measure on from its time."""
         self._datum = truth.pose
         self._last = truth
+        self._number = math.ceil(truth.time / self._sample_time)
 
     def observe(self, truth):
         """
@@ -59,16 +63,20 @@ class Laser:
         """
         if self._last is None:
             self.zero(truth)
+            return None
+        duration = truth.time - self._last.time
+        if duration <= 0.0:
+            raise PkmError(f'laser: {truth.time:g} s given after {self._last.time:g} s; after a reset call zero')
         before, self._last = self._last, truth
-        due = self._taken * self._sample_time
+        due = self._number * self._sample_time
         if due > truth.time:
             return None
-        share = (due - before.time) / (truth.time - before.time) if truth.time > before.time else 1.0
-        q = _between(before.q, before.qd, truth.q, truth.qd, truth.time - before.time, share)
-        belts = _between(before.belts, before.belt_rates, truth.belts, truth.belt_rates, truth.time - before.time, share)
-        noise = self._noise * laser_noise(self._seed, self._taken, self._noise.size)
+        share = (due - before.time) / duration
+        q = _between(before.q, before.qd, truth.q, truth.qd, duration, share)
+        belts = _between(before.belts, before.belt_rates, truth.belts, truth.belt_rates, duration, share)
+        noise = self._noise * laser_noise(self._seed, self._number, self._noise.size)
         displacement = truth.assembly.end_point(q, belts) - self._datum + noise
-        self._taken += 1
+        self._number += 1
         return LaserSample(due, self._step * np.round(displacement / self._step))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
 
+from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.conversions import time_of_tick
@@ -44,7 +45,15 @@ class StateEstimatorNode(PkmNode):
 
     def _publish(self):
         stamp = time_of_tick(self._tick, self._machine.sample_time)
-        coordinates = dict(zip(self._machine.coordinates, self._machine.forward(self._positions).tolist(), strict=True))
+        try:
+            pose = self._machine.forward(self._positions).tolist()
+        except PkmError as error:  # after a collision, or a reading that is not finite
+            self.get_logger().error(f'tick {self._tick}: no pose: {error}')
+        else:
+            self._publish_pose(stamp, dict(zip(self._machine.coordinates, pose, strict=True)))
+        self._publish_joints(stamp)
+
+    def _publish_pose(self, stamp, coordinates):
         pose = PoseStamped()
         pose.header.stamp = stamp
         pose.header.frame_id = 'base'
@@ -55,6 +64,7 @@ class StateEstimatorNode(PkmNode):
         pose.pose.orientation.z, pose.pose.orientation.w = sin(half), cos(half)
         self._pose_publisher.publish(pose)
 
+    def _publish_joints(self, stamp):
         joints = JointState(name=list(self._machine.joints), position=self._positions.tolist())
         joints.header.stamp = stamp
         if self._previous is not None and self._tick > self._previous[0]:

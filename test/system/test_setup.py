@@ -1,0 +1,73 @@
+"""bringup_scripts/setup: nothing to do when done; one clear line when the machine lacks something."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TOOLS = 'bash dirname readlink cat find sort xargs sha256sum cut uname awk mkdir rm env tail'.split()
+
+
+@pytest.fixture
+def fresh(tmp_path):
+    """Return a function that runs the set-up of a fresh tree with only the given programs on PATH."""
+    tree, programs = tmp_path / 'tree', tmp_path / 'bin'
+    programs.mkdir()
+    for folder in ('bringup_scripts', 'requirements', 'src'):
+        shutil.copytree(ROOT / folder, tree / folder, symlinks=True, ignore=shutil.ignore_patterns('__pycache__'))
+    for name in TOOLS:
+        (programs / name).symlink_to(shutil.which(name))
+
+    def run(**shims):
+        for name, script in shims.items():
+            path = programs / name.replace('cxx', 'c++')
+            path.write_text(f'#!{shutil.which("bash")}\n{script}\n')
+            path.chmod(0o755)
+        return subprocess.run(
+            [tree / 'bringup_scripts' / 'setup'],
+            env={'PATH': str(programs), 'HOME': str(tmp_path)},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+
+    return run
+
+
+PYTHON = 'exit 0'  # stands for a Python of a fitting version
+OLD_PYTHON = 'if [ "$1" = --version ]; then echo Python 3.9.2; fi; exit 1'
+COMPILER = 'exit 0'
+ROOM = 'echo Filesystem 1M-blocks Used Available; echo /dev/vda 9000 1 9000'
+NO_ROOM = 'echo Filesystem 1M-blocks Used Available; echo /dev/vda 9000 8900 100'
+
+
+@pytest.mark.parametrize(
+    ('shims', 'line'),
+    [
+        ({'python3': PYTHON, 'df': ROOM}, 'setup: needs a C++ compiler to build pkm_interfaces; install g++'),
+        ({'python3': OLD_PYTHON, 'cxx': COMPILER, 'df': ROOM}, 'setup: needs Python 3.11, 3.12 or 3.13 on PATH'),
+        ({'python3': PYTHON, 'cxx': COMPILER, 'df': NO_ROOM}, 'setup: needs 2500 MB of free disk'),
+    ],
+)
+def test_missing_prerequisite_gets_one_line_that_says_what_to_do(fresh, shims, line):
+    done = fresh(**shims)
+    assert done.returncode == 1
+    assert done.stderr.startswith(line)
+    assert done.stderr.count('\n') == 1
+
+
+def test_second_start_skips_what_is_done():
+    done = subprocess.run([ROOT / 'bringup_scripts' / 'setup'], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == done.stderr == ''
+
+
+def test_lock_files_name_no_registry_and_hash_every_package():
+    for name in ('requirements.txt', 'uv.txt'):
+        text = (ROOT / 'requirements' / name).read_text()
+        assert '://' not in text
+        pinned = [line for line in text.splitlines() if '==' in line]
+        assert pinned
+        assert all(line.rstrip().endswith('\\') for line in pinned), 'hashes follow every pin'
