@@ -5,7 +5,6 @@ The test has a node of its own in it, publishes and listens like any other node,
 module has a DDS domain that no other run on this machine uses at the time; every test has its own context.
 """
 
-import os
 import tempfile
 from collections import Counter
 from fcntl import LOCK_EX, LOCK_NB, flock
@@ -67,9 +66,9 @@ class Graph:
         self._connect()
         return messages
 
-    def publisher(self, message_type, topic):
+    def publisher(self, message_type, topic, qos=None):
         """Return a publisher of the test, connected to everybody who listens."""
-        publisher = self.node.create_publisher(message_type, topic, reliable(1000))
+        publisher = self.node.create_publisher(message_type, topic, qos or reliable(1000))
         self._connect()
         return publisher
 

@@ -43,9 +43,7 @@ class Axis:
         return self._graph.next_event(CycleEvent.LOADED, cycle=cycle)
 
     def sample(self, cycle, index, position, mode=EncoderSample.RUN):
-        self._samples.publish(
-            EncoderSample(tick=self._tick, cycle=cycle, index=index, position=position, mode=mode)
-        )
+        self._samples.publish(EncoderSample(tick=self._tick, cycle=cycle, index=index, position=position, mode=mode))
         self._tick += 1
 
     def answer(self):
@@ -128,7 +126,9 @@ def test_trajectory_is_loaded_only_when_somebody_takes_the_commands(graph, joint
     graph.next_event(CycleEvent.LOADED, cycle=1)
 
 
-def test_every_tick_is_answered_with_the_voltage_of_the_law_and_reference_minus_measured(graph, axis, law, joint_trajectory):
+def test_every_tick_is_answered_with_the_voltage_of_the_law_and_reference_minus_measured(
+    graph, axis, law, joint_trajectory
+):
     graph.start(JointControllerNode, joint='d3')
     axis.load(1)
     message = joint_trajectory(1)
@@ -384,5 +384,5 @@ def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
 
 
 def test_parameter_of_the_wrong_type_is_refused_by_name(graph):
-    with pytest.raises(ParameterException, match="joint.*'3'.*INTEGER.*STRING"):
+    with pytest.raises(ParameterException, match=r"joint.*'3'.*INTEGER.*STRING"):
         graph.start(JointControllerNode, joint=3)

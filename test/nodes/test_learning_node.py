@@ -81,9 +81,7 @@ def spoiled(values, index, value):
         ({'sample_time': math.nan}, 'learning d5: sample time is nan s; expected 0.0005 s'),
     ],
 )
-def test_request_that_cannot_be_learned_from_is_refused_and_the_next_one_is_answered(
-    graph, request_of, changed, text
-):
+def test_request_that_cannot_be_learned_from_is_refused_and_the_next_one_is_answered(graph, request_of, changed, text):
     graph.start(LearningNode)
     response = graph.call(UpdateFeedforward, 'learning/update', request_of(**changed))
     assert not response.success

@@ -33,7 +33,7 @@ class CellNode(PkmNode):
         self.specs = cell_nodes(
             self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'),
             seed=self.setting('seed', 1, 'seed of everything random in the machine'),
-            environment=self.setting('environment', 'nominal', 'ideal, nominal or hard (config/truth)'),
+            environment=self.setting('environment', 'nominal', 'how rough the world is: a section of config/truth'),
             folder=self.setting('folder', 'bags', "folder of the recorder's bags"),
             record=self.setting('record', True, 'run a recorder, and let the machine wait for it'),
         )

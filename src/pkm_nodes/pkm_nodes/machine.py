@@ -16,7 +16,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock as ClockMessage
-from std_msgs.msg import UInt64
+from std_msgs.msg import UInt32, UInt64
 from std_srvs.srv import Trigger
 
 from pkm_core.machines import load_machine
@@ -24,7 +24,7 @@ from pkm_core.plant import Plant
 from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand
 from pkm_nodes.conversions import time_of_tick
 from pkm_nodes.events import CycleEvents, subscribe_events
-from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, run
+from pkm_nodes.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, run
 
 # [ticks] /clock goes out at 100 Hz of simulated time: ROS tools need no more, and every node has to take it
 CLOCK_EVERY = 20
@@ -60,7 +60,7 @@ class MachineNode(PkmNode):
         super().__init__('machine', **kwargs)
         machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
         seed = self.setting('seed', 1, 'seed of everything random in the machine')
-        environment = self.setting('environment', 'nominal', 'ideal, nominal or hard (config/truth)')
+        environment = self.setting('environment', 'nominal', 'how rough the world is: a section of config/truth')
         self._answer_timeout = self.setting('answer_timeout', 5.0, '[s, wall] wait for the answers of a tick')
         self._start_timeout = self.setting('start_timeout', 10.0, '[s, wall] wait for the other joints to load a cycle')
         self._wait_for_recorder = self.setting('wait_for_recorder', False, 'run no further ahead of the recorder than')
@@ -91,9 +91,10 @@ class MachineNode(PkmNode):
 
         self._events = CycleEvents(self, 'machine')
         self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
+        self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         subscribe_events(self, self._on_event)
-        self.create_subscription(UInt64, 'recorder/tick', self._on_recorder_tick, CYCLE_QOS)
+        self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick)
         self.create_service(Trigger, 'machine/reset', self._on_reset)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.05, self._watch, clock=wall)
@@ -106,7 +107,7 @@ class MachineNode(PkmNode):
             reason = f'the machine has stopped: {self._fault}; call the service machine/reset first'
             self._events.publish(CycleEvent.REFUSED, event.cycle, tick=self._tick, message=reason)
             return
-        if self._running:
+        if self._running or event.cycle <= self._cycle:  # a late word on a cycle that has been started
             return
         if any(cycle != event.cycle for cycle, _ in self._loaded.values()):
             self._loaded.clear()
@@ -130,6 +131,7 @@ class MachineNode(PkmNode):
         self._cycle, self._index, self._samples = cycle, 0, lengths[self._joints[0]]
         self._plant.start_cycle(cycle)
         self._running = True
+        self._cycle_publisher.publish(UInt32(data=cycle))
         self._events.publish(CycleEvent.STARTED, cycle, tick=self._tick, samples=self._samples)
         self._publish_samples(EncoderSample.RUN)
 

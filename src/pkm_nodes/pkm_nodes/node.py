@@ -31,6 +31,10 @@ def reliable(depth):
 TICK_QOS = reliable(1000)
 # Trajectories and events of a cycle.
 CYCLE_QOS = reliable(100)
+# A state: whoever comes late gets the last value.
+LAST_VALUE_QOS = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 
 
 class PkmNode(Node):

@@ -1,5 +1,6 @@
 """The processes of a cell: started from graph.py, watched, and stopped by their ids."""
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -12,6 +13,12 @@ from pkm_nodes.graph import NodeSpec, cell_nodes
 
 # [s, wall] from the polite signal to the other one
 _PATIENCE = 10.0
+
+
+def _end_with_parent():
+    """Ask Linux to interrupt this process when its parent ends, however that ends."""
+    set_parent_death_signal = 1  # PR_SET_PDEATHSIG of sys/prctl.h
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGINT)
 
 
 def _executables():
@@ -67,6 +74,7 @@ class CellProcesses:
                 stderr=subprocess.STDOUT,
                 # a Ctrl-C in the terminal is for the one who leads; the cell is stopped in order afterwards
                 start_new_session=True,
+                preexec_fn=_end_with_parent,
             )
 
     def __exit__(self, *_):

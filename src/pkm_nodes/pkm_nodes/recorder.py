@@ -10,6 +10,7 @@ has arrived, then checked and announced with a RECORDED event.
 import json
 import sys
 from datetime import datetime
+from functools import partial
 from math import inf
 from struct import unpack_from
 from time import monotonic
@@ -28,7 +29,7 @@ from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCom
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.conversions import nanoseconds_of_tick
 from pkm_nodes.events import CycleEvents
-from pkm_nodes.node import CYCLE_QOS, PkmNode, run
+from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, run
 from pkm_nodes.state_estimator import POSE_EVERY
 
 # [messages] how often progress is reported while ticks flow
@@ -64,6 +65,10 @@ class _Cycle:
         """Tell whether the bag can be opened: its name, its trajectories and its times are known."""
         return self.first_tick is not None and len(self.trajectories) == 2
 
+    def holds(self, tick):
+        """Tell whether `tick` is in it, as far as its ends are known."""
+        return self.first_tick is not None and self.first_tick <= tick < self.end_tick
+
     def is_complete(self):
         """Tell whether the cycle has ended and everything it must hold is in the bag."""
         return self.ended is not None and all(self.bag.counts[t] >= count for t, count in self.expected.items())
@@ -79,6 +84,8 @@ class RecorderNode(PkmNode):
         self.check_settings()
         self._sample_time = machine.sample_time
         self._cycles = {}
+        self._closed = {}  # first tick that is not in it, by cycle
+        self._states = []  # (tick, topic, data) of poses and joint states that came before their tick
         self._broken = False
         self._hot_messages = 0
         self._topics = {}
@@ -90,10 +97,11 @@ class RecorderNode(PkmNode):
             self._record(CycleMetrics, f'{joint}/cycle_metrics', self._by_cycle)
         self._record(SampledTrajectoryMessage, 'pose_trajectory', self._on_trajectory)
         self._record(SampledTrajectoryMessage, 'joint_trajectory', self._on_trajectory)
-        self._record(PoseStamped, 'pose', self._by_stamp)
-        self._record(JointState, 'joint_states', self._by_stamp)
+        # with the ticks: served after them, the states of a long flow would pile up until their queue overflows
+        self._record(PoseStamped, 'pose', self._by_stamp, with_ticks=True)
+        self._record(JointState, 'joint_states', self._by_stamp, with_ticks=True)
         self._record(CycleEvent, 'cycle_events', self._on_event)
-        self._progress = self.create_publisher(UInt64, 'recorder/tick', CYCLE_QOS)
+        self._progress = self.create_publisher(UInt64, 'recorder/tick', TICK_QOS)
         self._events = CycleEvents(self, 'recorder')
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.1, self._close_late, clock=wall)
@@ -106,21 +114,26 @@ class RecorderNode(PkmNode):
         subscription = self.on_tick_topic(message_type, name, lambda data: self._on_tick(topic, data), raw=True)
         self._tick_subscriptions.append(subscription)
 
-    def _record(self, message_type, name, callback):
+    def _record(self, message_type, name, callback, *, with_ticks=False):
         topic = self.resolve_topic_name(name)
         self._topics[topic] = _TYPES[message_type]
-        self.create_subscription(message_type, name, lambda data: callback(topic, data), CYCLE_QOS, raw=True)
-        return topic
+        subscribe = self.on_tick_topic if with_ticks else partial(self.create_subscription, qos_profile=CYCLE_QOS)
+        subscribe(message_type, name, lambda data: callback(topic, data), raw=True)
 
     def _on_tick(self, topic, data):
         """Take an EncoderSample or MotorCommand: tick and cycle are the first fields after the 4-byte CDR header."""
         tick, number = unpack_from('<QI', data, 4)
+        if number not in self._cycles and tick < self._closed.get(number, 0):
+            self._warn_of_late(topic, number)
+            return
         cycle = self._cycle(number)
         if cycle.first_tick is None:
-            cycle.first_tick = tick
+            self._start(cycle, tick)
         cycle.last_tick = tick
         self._put(cycle, topic, data, tick)
         self._ticks[topic] = tick
+        if self._states:
+            self._place_states()
         self._hot_messages += 1
         if self._hot_messages % _REPORT_EVERY == 0:
             self._report_progress()
@@ -138,20 +151,32 @@ class RecorderNode(PkmNode):
 
     def _by_cycle(self, topic, data):
         """Take a message that begins with its cycle's number."""
-        cycle = self._cycle(unpack_from('<I', data, 4)[0])
+        number = unpack_from('<I', data, 4)[0]
+        if number not in self._cycles and number in self._closed:
+            self._warn_of_late(topic, number)
+            return
+        cycle = self._cycle(number)
         self._put(cycle, topic, data, cycle.last_tick)
 
     def _by_stamp(self, topic, data):
         """Take a message that begins with a stamp, which is the time of its tick."""
         seconds, nanoseconds = unpack_from('<iI', data, 4)
         tick = round((seconds * 1_000_000_000 + nanoseconds) / nanoseconds_of_tick(1, self._sample_time))
-        for cycle in self._cycles.values():
-            if cycle.first_tick is None or cycle.first_tick <= tick < cycle.end_tick:
-                self._put(cycle, topic, data, tick)
-                return
+        self._states.append((tick, topic, data))
+        self._place_states()
+
+    def _place_states(self):
+        """Put the states whose tick has been taken into the last cycle that holds it; others may not know their end."""
+        reached = max(self._ticks.values())
+        placed, self._states = [s for s in self._states if s[0] <= reached], [s for s in self._states if s[0] > reached]
+        for tick, topic, data in placed:
+            cycles = [cycle for cycle in self._cycles.values() if cycle.holds(tick)]
+            if cycles:
+                self._put(cycles[-1], topic, data, tick)
 
     def _on_trajectory(self, topic, data):
         trajectory = deserialize_message(data, SampledTrajectoryMessage)
+        self._closed.pop(trajectory.cycle, None)  # a generator that was started anew counts from 1
         cycle = self._cycle(trajectory.cycle)
         cycle.motion = trajectory.motion
         cycle.trajectories[topic] = data
@@ -162,9 +187,12 @@ class RecorderNode(PkmNode):
         event = deserialize_message(data, CycleEvent)
         if event.event in (CycleEvent.RECORDED, CycleEvent.RESET):
             return
+        if event.cycle not in self._cycles and event.cycle in self._closed:
+            self._warn_of_late(topic, event.cycle)
+            return
         cycle = self._cycle(event.cycle)
         if event.event == CycleEvent.STARTED:
-            cycle.first_tick = event.tick
+            self._start(cycle, event.tick)
         self._put(cycle, topic, data, event.tick or cycle.last_tick)
         if event.event in (CycleEvent.FINISHED, CycleEvent.FAULT) and cycle.first_tick is not None:
             cycle.end_tick = event.tick
@@ -190,11 +218,18 @@ class RecorderNode(PkmNode):
         return {topic: per_topic[kind] for topic, kind in self._topics.items() if kind in per_topic}
 
     def _cycle(self, number):
-        """Return the recording of cycle `number`; an older one that never started is given up."""
+        """Return the recording of cycle `number`."""
         if number not in self._cycles:
-            self._cycles = {n: cycle for n, cycle in self._cycles.items() if cycle.first_tick is not None}
             self._cycles[number] = _Cycle(number)
         return self._cycles[number]
+
+    def _start(self, cycle, tick):
+        """Note the first tick of `cycle`; older ones that never started are given up."""
+        cycle.first_tick = tick
+        self._cycles = {n: c for n, c in self._cycles.items() if c.first_tick is not None or n > cycle.number}
+
+    def _warn_of_late(self, topic, number):
+        self.get_logger().warn(f'{topic}: a message of cycle {number} came after its bag was closed; not recorded')
 
     def _put(self, cycle, topic, data, tick):
         cycle.waiting.append((topic, data, tick))
@@ -243,6 +278,7 @@ class RecorderNode(PkmNode):
         }
         if lost:
             self.get_logger().error(f'cycle {cycle.number}: messages missing in {cycle.bag.path}: {lost}')
+        self._closed[cycle.number] = cycle.end_tick
         cycle.bag.close({'expected': json.dumps(cycle.expected)})
         if not self.context.ok():  # stopped in the middle: the bag is whole, but there is nobody to tell
             return

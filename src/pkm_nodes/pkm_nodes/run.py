@@ -37,7 +37,9 @@ def run(
     cycles: Annotated[int, typer.Option(min=1, help='Learning cycles.')] = 12,
     law: Annotated[str, typer.Option(help=f'Learning law: none, {", ".join(LAWS)}.')] = 'fourier_pid',
     seed: Annotated[int, typer.Option(min=0, help='Seed of everything random in the machine.')] = 1,
-    environment: Annotated[str, typer.Option(help='ideal, nominal or hard (config/truth).')] = 'nominal',
+    environment: Annotated[
+        str, typer.Option(help='How rough the world is: ideal, nominal, hard, or any other section of config/truth.')
+    ] = 'nominal',
     arrangement: Annotated[Arrangement, typer.Option(help='One process, or one a node.')] = Arrangement.composed,
     out: Annotated[Path | None, typer.Option(help='Folder for results; a new one in runs/ by default.')] = None,
     json_file: Annotated[Path | None, typer.Option('--json', help='Also write the results to this file.')] = None,

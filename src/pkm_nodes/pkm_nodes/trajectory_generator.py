@@ -13,6 +13,7 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.task import Future
+from std_msgs.msg import UInt32
 
 from pkm_core.errors import PkmError, TrajectoryError
 from pkm_core.learning import LAWS
@@ -24,7 +25,7 @@ from pkm_interfaces.msg import CycleEvent, CycleMetrics
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.conversions import trajectory_to_msg
 from pkm_nodes.events import subscribe_events
-from pkm_nodes.node import CYCLE_QOS, PkmNode, run
+from pkm_nodes.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, run
 
 
 class TrajectoryGeneratorNode(PkmNode):
@@ -47,6 +48,7 @@ class TrajectoryGeneratorNode(PkmNode):
         for joint in self._machine.joints:
             self.create_subscription(CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
         subscribe_events(self, self._on_event)
+        self.create_subscription(UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._send_again, clock=self._wall)
         self._server = ActionServer(
@@ -103,6 +105,10 @@ class TrajectoryGeneratorNode(PkmNode):
             raise TrajectoryError(
                 f'goal: motion {request.motion!r} and {len(request.poses)} poses; give the one or the other'
             )
+        if request.motion and request.move_time != 0:
+            raise TrajectoryError(
+                f'goal: move_time is {request.move_time} s; motion {request.motion!r} has its own, expected 0'
+            )
         machine = self._machine
         if request.motion:
             motion, name = load_motion(request.motion), Path(request.motion).stem
@@ -136,10 +142,12 @@ class TrajectoryGeneratorNode(PkmNode):
         elif self._all_metrics is not None and not self._all_metrics.done() and now > self._deadline:
             self._all_metrics.set_result(None)
 
+    def _on_machine_cycle(self, message):
+        """Never number a cycle like one the machine has run, also not after a restart of this node."""
+        self._cycle = max(self._cycle, message.data)
+
     def _on_event(self, event):
-        # a foreign cycle number is another generator's
         if event.cycle != self._cycle or self._outcome is None:
-            self._cycle = max(self._cycle, event.cycle) if self._goal is None else self._cycle
             return
         if event.event == CycleEvent.STARTED:
             self._pending = None

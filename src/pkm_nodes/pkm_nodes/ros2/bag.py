@@ -85,22 +85,22 @@ def info(args):
 def read_folder(path):
     """Return the Bag of a rosbag2 folder, from its metadata.yaml."""
     try:
-        about = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+        about = yaml.safe_load((path / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
         return Bag(
             files=about['relative_file_paths'],
             size=sum(file.stat().st_size for file in path.iterdir() if file.is_file()),
             storage=about['storage_identifier'],
             distro=about.get('ros_distro', ''),
-            start=about['starting_time']['nanoseconds_since_epoch'],
-            duration=about['duration']['nanoseconds'],
-            messages=about['message_count'],
+            start=int(about['starting_time']['nanoseconds_since_epoch']),
+            duration=int(about['duration']['nanoseconds']),
+            messages=int(about['message_count']),
             topics=[
                 Topic(meta['name'], meta['type'], entry['message_count'], meta['serialization_format'])
                 for entry in about['topics_with_message_count']
                 for meta in [entry['topic_metadata']]
             ],
         )
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise RuntimeError(f'Exception on parsing info file: {getattr(error, "problem", repr(error))}') from error
 
 

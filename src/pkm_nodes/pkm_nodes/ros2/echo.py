@@ -7,19 +7,23 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from pkm_nodes.ros2.messages import message_to_csv, message_to_yaml
 from pkm_nodes.ros2.qos import add_qos_arguments, choose_qos
 from pkm_nodes.ros2.shared import (
+    FIND_TIMEOUT,
     TOPIC_HELP,
+    add_graph_arguments,
     find_interface,
     find_topic_class,
-    graph_node,
     message_filter,
     number,
+    ros_node,
     spin_until_done,
+    wait_for_publishers,
 )
 
 
 def add_arguments(parser):
     """Add the arguments of `ros2 topic echo`."""
     parser.set_defaults(main=echo)
+    add_graph_arguments(parser, FIND_TIMEOUT)
     add_qos_arguments(parser)
     add = parser.add_argument
     add('topic_name', help=TOPIC_HELP)
@@ -69,7 +73,8 @@ def echo(args):
             if args.once:
                 done.set_result(True)
 
-    with graph_node(args) as node:
+    with ros_node(use_sim_time=args.use_sim_time) as node:
+        wait_for_publishers(node, args.topic_name, args.spin_time)
         if args.message_type is None:
             message_class = find_topic_class(node, args.topic_name)
         else:

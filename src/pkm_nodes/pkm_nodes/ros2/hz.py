@@ -8,12 +8,23 @@ import rclpy
 from rclpy.clock import Clock
 from rclpy.qos import qos_profile_sensor_data
 
-from pkm_nodes.ros2.shared import TOPIC_HELP, find_topic_class, message_filter, number, ros_node, spin_until_done
+from pkm_nodes.ros2.shared import (
+    FIND_TIMEOUT,
+    TOPIC_HELP,
+    add_graph_arguments,
+    find_topic_class,
+    message_filter,
+    number,
+    ros_node,
+    spin_until_done,
+    wait_for_publishers,
+)
 
 
 def add_arguments(parser):
     """Add the arguments of `ros2 topic hz`."""
     parser.set_defaults(main=hz)
+    add_graph_arguments(parser, FIND_TIMEOUT)
     add = parser.add_argument
     add('topic_name', help=TOPIC_HELP)
     add(
@@ -38,8 +49,9 @@ def hz(args):
             if passes(msg) and (report := rate.count(clock.now().nanoseconds)):
                 print(report)
 
+        wait_for_publishers(node, args.topic_name, args.spin_time)
         message_class = find_topic_class(node, args.topic_name)
-        print('This is the rate at which this tool receives; a busy machine publishes more than it.', file=sys.stderr)
+        print('The rate is that of receiving here; messages lost on the way are not in it.', file=sys.stderr)
         # without a filter the bytes are enough, which keeps up with faster topics
         node.create_subscription(
             message_class, args.topic_name, on_message, qos_profile_sensor_data, raw=args.filter is None

@@ -1,8 +1,9 @@
 """`ros2 node list`."""
 
 import sys
+import time
 
-from pkm_nodes.ros2.shared import add_commands, add_graph_arguments, graph_node
+from pkm_nodes.ros2.shared import add_commands, add_graph_arguments, ros_node
 
 
 def add_arguments(parser):
@@ -25,7 +26,8 @@ def node_names(node, include_hidden=False):
 
 def list_nodes(args):
     """Print the full names of the nodes."""
-    with graph_node(args) as node:
+    with ros_node(use_sim_time=args.use_sim_time) as node:
+        time.sleep(args.spin_time)
         names = sorted(full_name for _, _, full_name in node_names(node, args.all))
     if args.count_nodes:
         print(len(names))

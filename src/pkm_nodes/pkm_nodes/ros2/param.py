@@ -1,8 +1,10 @@
 """`ros2 param get`, `set` and `list`."""
 
+import argparse
 import contextlib
 import re
 import sys
+import time
 
 import yaml
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -14,7 +16,6 @@ from pkm_nodes.ros2.shared import (
     FIND_TIMEOUT,
     add_commands,
     add_graph_arguments,
-    graph_node,
     ros_node,
     spin_until_done,
     wait_for,
@@ -50,7 +51,7 @@ def add_arguments(parser):
                 '--timeout',
                 metavar='N',
                 type=float,
-                default=FIND_TIMEOUT,
+                default=1,
                 help='Wait for N seconds until node becomes available (default %(default)s sec)',
             )
     verbs['get'].set_defaults(main=get)
@@ -59,7 +60,7 @@ def add_arguments(parser):
     verbs['set'].add_argument('value', help='Value of the parameter')
     verbs['list'].set_defaults(main=list_)
     verbs['list'].add_argument(
-        '--filter', type=re.compile, help='Only parameters matching the regex expression will be showed.'
+        '--filter', type=_pattern, help='Only parameters matching the regex expression will be showed.'
     )
     verbs['list'].add_argument(
         '--param-prefixes', nargs='+', default=[], help='Only list parameters with the provided prefixes'
@@ -70,7 +71,7 @@ def add_arguments(parser):
 def get(args):
     """Print type and value of one parameter."""
     with _parameters_of(args) as (node, client):
-        values = spin_until_done(node, client.get_parameters([args.parameter_name])).values
+        values = _answer(node, client.get_parameters([args.parameter_name])).values
     if not values:
         return 'Parameter not set'
     value = parameter_value_to_python(values[0])
@@ -85,7 +86,7 @@ def set_(args):
     """Set one parameter and print the answer of its node; a refusal is no error of the tool, as in ros2cli."""
     parameter = Parameter(name=args.parameter_name, value=_parameter_value(args.value))
     with _parameters_of(args) as (node, client):
-        result = spin_until_done(node, client.set_parameters([parameter])).results[0]
+        result = _answer(node, client.set_parameters([parameter])).results[0]
     reason = f': {result.reason}' if result.reason else ''
     if result.successful:
         print(f'Set parameter successful{reason}')
@@ -95,33 +96,29 @@ def set_(args):
 
 def list_(args):
     """Print the parameters of one node or of all nodes."""
-    wanted = args.node_name and _absolute(args.node_name)
-    with graph_node(args) as node:
-
-        def chosen():
-            return [n for n in node_names(node, args.include_hidden_nodes) if wanted in (None, n[2])]
-
-        names = wait_for(chosen) if wanted else chosen()
-        if wanted and not names:
-            return 'Node not found'
-        for *_, name in names:
+    with ros_node(use_sim_time=args.use_sim_time) as node:
+        if args.node_name:
+            names = [_find_node(node, args, args.spin_time)]
+        else:
+            time.sleep(args.spin_time)
+            names = [name for *_, name in node_names(node, args.include_hidden_nodes)]
+        for name in names:
             try:
                 _print_parameters(node, name, args)
             except RuntimeError as error:
-                print(error, file=sys.stderr)
-    return None
+                print(f'{name}: {error}', file=sys.stderr)
 
 
 def _print_parameters(node, node_name, args):
     client = _client(node, node_name)
-    names = sorted(spin_until_done(node, client.list_parameters(prefixes=args.param_prefixes)).result.names)
+    names = sorted(_answer(node, client.list_parameters(prefixes=args.param_prefixes)).result.names)
     if args.filter:
         names = [name for name in names if args.filter.match(name)]
     if names and not args.node_name:
         print(f'{node_name}:')
     types = {}
     if args.param_type and names:
-        descriptors = spin_until_done(node, client.describe_parameters(names)).descriptors
+        descriptors = _answer(node, client.describe_parameters(names)).descriptors
         types = {descriptor.name: f' (type: {TYPES[descriptor.type][0]})' for descriptor in descriptors}
     for name in names:
         print(f'  {name}{types.get(name, "")}')
@@ -130,11 +127,16 @@ def _print_parameters(node, node_name, args):
 @contextlib.contextmanager
 def _parameters_of(args):
     """Yield a node and a client of the parameters of the node that args name."""
-    name = _absolute(args.node_name)
     with ros_node(use_sim_time=args.use_sim_time) as node:
-        if not wait_for(lambda: name in [n[2] for n in node_names(node, args.include_hidden_nodes)], args.timeout):
-            raise RuntimeError('Node not found')
-        yield node, _client(node, name)
+        yield node, _client(node, _find_node(node, args, max(args.spin_time, args.timeout)))
+
+
+def _find_node(node, args, timeout):
+    """Return the full name of the node that args name, once it is in the graph."""
+    name = f'/{args.node_name.removeprefix("/")}'
+    if not wait_for(lambda: name in [full for *_, full in node_names(node, args.include_hidden_nodes)], timeout):
+        raise RuntimeError('Node not found')
+    return name
 
 
 def _client(node, node_name):
@@ -144,16 +146,24 @@ def _client(node, node_name):
     return client
 
 
-def _absolute(node_name):
-    return node_name if node_name.startswith('/') else f'/{node_name}'
+def _answer(node, future):
+    return spin_until_done(node, future, FIND_TIMEOUT)
 
 
 def _parameter_value(text):
-    """Return the ParameterValue of a command-line text; what YAML takes for a date or a mapping is a string."""
+    """Return the ParameterValue of a command-line text; what is no ROS value, such as a YAML date, is a string."""
+    checked = ParameterValue(check_fields=True)
     try:
-        value = get_parameter_value(text)
-    except yaml.YAMLError:
-        value = None
-    if value is None or not isinstance(value.string_value, str):
-        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
-    return value
+        guess = get_parameter_value(text)
+        for name in guess.get_fields_and_field_types():
+            setattr(checked, name, getattr(guess, name))
+    except (yaml.YAMLError, AssertionError, OverflowError):
+        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
+    return checked
+
+
+def _pattern(text):
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise argparse.ArgumentTypeError(f"'{text}' is no regular expression: {error}") from error

@@ -9,6 +9,8 @@ from rclpy.qos import (
     QoSReliabilityPolicy,
 )
 
+from pkm_nodes.ros2.shared import number
+
 POLICIES = {
     'history': QoSHistoryPolicy,
     'reliability': QoSReliabilityPolicy,
@@ -30,7 +32,10 @@ def add_qos_arguments(parser):
         help='Quality of service preset profile to subscribe with (default: sensor_data)',
     )
     parser.add_argument(
-        '--qos-depth', metavar='N', type=int, help='Queue size (overrides depth value of --qos-profile option)'
+        '--qos-depth',
+        metavar='N',
+        type=number(int, lambda n: n > 0, 'a positive integer'),
+        help='Queue size (overrides depth value of --qos-profile option)',
     )
     for name, policy in POLICIES.items():
         default = ', default: what fits the running publishers' if name in STRONG_AND_WEAK else ''
@@ -41,7 +46,7 @@ def add_qos_arguments(parser):
         )
     parser.add_argument(
         '--qos-liveliness-lease-duration-seconds',
-        type=float,
+        type=number(float, lambda seconds: seconds > 0, 'positive'),
         help='Quality of service liveliness lease duration setting to subscribe with',
     )
 

@@ -6,10 +6,9 @@ import importlib
 import os
 import time
 
-FIND_TIMEOUT = 5.0  # [s] what is named on the command line is waited for so long
-GRAPH_TIMEOUT = 3.0  # [s] at most, to learn the graph without a daemon; a busy machine was seen to take 2
-GRAPH_QUIET = 0.5  # [s] without a change, and a graph with nodes counts as known
-POLL = 0.1  # [s] a signal is answered within this time
+DISCOVERY_TIME = 3.5  # [s] to know the graph without a daemon: Fast DDS announces a process every 3 s
+FIND_TIMEOUT = 5.0  # [s] a topic, service or action named on the command line is waited for so long
+POLL = 0.1  # [s] signals are answered within this time
 TOPIC_HELP = "Name of the ROS topic to listen to (e.g. '/chatter')"
 NODE_PREFIX = '_ros2cli'  # the underscore keeps these nodes out of `node list`
 
@@ -35,13 +34,13 @@ def add_commands(parser, commands):
     }
 
 
-def add_graph_arguments(parser):
+def add_graph_arguments(parser, spin_time=DISCOVERY_TIME):
     """Add the arguments of every verb that looks at the running graph."""
     parser.add_argument(
         '--spin-time',
-        type=float,
-        metavar='SPIN_TIME',
-        help=f'Spin time in seconds to wait for discovery (default: until the graph is quiet, {GRAPH_TIMEOUT} at most)',
+        type=number(float, lambda seconds: seconds >= 0, 'non-negative'),
+        default=spin_time,
+        help='Spin time in seconds to wait for discovery (default: %(default)s)',
     )
     parser.add_argument('-s', '--use-sim-time', action='store_true', help='Enable ROS simulation time')
     parser.add_argument('--no-daemon', action='store_true', help='For compatibility; this tool has no daemon')
@@ -87,36 +86,14 @@ def ros_node(name=f'{NODE_PREFIX}_{os.getpid()}', use_sim_time=False):
         node = rclpy.create_node(name, start_parameter_services=False, parameter_overrides=[sim_time])
         yield node
         node.destroy_node()
-    except NameValidationException as error:
+    except (NameValidationException, ValueError) as error:  # the ways in which rclpy refuses a name
         raise RuntimeError(str(error)) from error
     finally:
         rclpy.try_shutdown()
 
 
-@contextlib.contextmanager
-def graph_node(args):
-    """Open a node and let it learn the graph before the command reads it."""
-    with ros_node(use_sim_time=args.use_sim_time) as node:
-        settle(node, args.spin_time)
-        yield node
-
-
-def settle(node, spin_time=None):
-    """Return when the graph has nodes and has been quiet for a while, or after the longest wait."""
-    start = changed = time.monotonic()
-    seen = None
-    while (now := time.monotonic()) - start < (GRAPH_TIMEOUT if spin_time is None else spin_time):
-        graph = (node.get_node_names_and_namespaces(), node.get_topic_names_and_types())
-        if graph != seen:
-            seen, changed = graph, now
-        has_nodes = any(not name.startswith(NODE_PREFIX) for name, _ in graph[0])  # more than tools like this one
-        if has_nodes and spin_time is None and now - changed > GRAPH_QUIET:
-            return
-        time.sleep(POLL)
-
-
-def wait_for(found, timeout=FIND_TIMEOUT):
-    """Poll found() until it returns something true, for the timeout at most; return its last answer."""
+def wait_for(found, timeout):
+    """Poll found() until it returns something true, for the timeout [s] at most; return its last answer."""
     deadline = time.monotonic() + timeout
     while not (answer := found()) and time.monotonic() < deadline:
         time.sleep(POLL)
@@ -135,23 +112,24 @@ def spin_until_done(node, future, timeout=float('inf')):
     return future.result()
 
 
+def wait_for_publishers(node, topic_name, timeout):
+    """Wait for the first publisher of a topic, and a moment more for others."""
+    if wait_for(lambda: node.count_publishers(topic_name), timeout):
+        time.sleep(POLL)
+
+
 def find_topic_class(node, topic_name):
-    """Return the message class of a topic, which is waited for."""
-    full_name = node.resolve_topic_name(topic_name)
-
-    def types():
-        return dict(node.get_topic_names_and_types()).get(full_name)
-
-    found = wait_for(types)
-    if not found:
+    """Return the message class of a topic in the graph."""
+    types = dict(node.get_topic_names_and_types()).get(node.resolve_topic_name(topic_name), [])
+    if not types:
         print(f'WARNING: topic [{topic_name}] does not appear to be published yet')
         raise RuntimeError('Could not determine the type for the passed topic')
-    if len(found) > 1:
-        raise RuntimeError(f"Cannot echo topic '{topic_name}', as it contains more than one type: [{', '.join(found)}]")
+    if len(types) > 1:
+        raise RuntimeError(f"Cannot echo topic '{topic_name}', as it contains more than one type: [{', '.join(types)}]")
     try:
-        return find_interface(found[0], 'msg')
+        return find_interface(types[0], 'msg')
     except RuntimeError:
-        raise RuntimeError(f"The message type '{found[0]}' is invalid") from None
+        raise RuntimeError(f"The message type '{types[0]}' is invalid") from None
 
 
 def message_filter(expression):

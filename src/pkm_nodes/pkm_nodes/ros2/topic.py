@@ -1,11 +1,12 @@
 """`ros2 topic list`; `echo` and `hz` have their own files."""
 
 import argparse
+import time
 
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from pkm_nodes.ros2 import echo, hz
-from pkm_nodes.ros2.shared import add_commands, add_graph_arguments, graph_node
+from pkm_nodes.ros2.shared import add_commands, add_graph_arguments, ros_node
 
 
 def add_arguments(parser):
@@ -20,12 +21,11 @@ def add_arguments(parser):
             'list': 'Output a list of available topics',
         },
     )
-    for verb in verbs.values():
-        add_graph_arguments(verb)
     echo.add_arguments(verbs['echo'])
     hz.add_arguments(verbs['hz'])
 
     verbs['list'].set_defaults(main=list_topics)
+    add_graph_arguments(verbs['list'])
     add = verbs['list'].add_argument
     add('-t', '--show-types', action='store_true', help='Additionally show the topic type')
     add('-c', '--count-topics', action='store_true', help='Only display the number of topics discovered')
@@ -35,7 +35,8 @@ def add_arguments(parser):
 
 def list_topics(args):
     """Print the names of the topics; with --verbose the published ones, then the subscribed ones."""
-    with graph_node(args) as node:
+    with ros_node(use_sim_time=args.use_sim_time) as node:
+        time.sleep(args.spin_time)
         topics = [
             (name, ', '.join(types), node.count_publishers(name), node.count_subscribers(name))
             for name, types in node.get_topic_names_and_types()

@@ -1,0 +1,174 @@
+"""The lock-step executor in a thread of its own, with real nodes whose messages chase each other."""
+
+from threading import Thread
+from time import process_time, sleep
+
+import pytest
+import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import UInt64
+from std_srvs.srv import Trigger
+
+from pkm_nodes.lockstep import LockstepExecutor
+from pkm_nodes.node import TICK_QOS, PkmNode
+
+
+class Player(PkmNode):
+    """Answers every number on one tick topic with the next one on another, up to `last`."""
+
+    def __init__(self, name, hears, says, **kwargs):
+        super().__init__(name, **kwargs)
+        self.last = 0
+        self.heard = []
+        self.timer_calls = 0
+        self.ball = self.setting('ball', 'red', 'what is played with')
+        self._publisher = self.create_publisher(UInt64, says, TICK_QOS)
+        self.on_tick_topic(UInt64, hears, self._on_number)
+        self.create_service(Trigger, f'{name}/greet', self._on_greet)
+        self.create_timer(0.01, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_number(self, message):
+        self.heard.append(message.data)
+        if message.data < self.last:
+            self._publisher.publish(UInt64(data=message.data + 1))
+
+    def _on_greet(self, _, response):
+        response.success, response.message = True, f'{len(self.heard)}'
+        return response
+
+    def _on_timer(self):
+        self.timer_calls += 1
+
+
+class Game:
+    """Two players in a lock-step executor that runs in a thread."""
+
+    def __init__(self, domain_id):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
+        self.players = [
+            Player('ping', 'pong_says', 'ping_says', context=self.context),
+            Player('pong', 'ping_says', 'pong_says', context=self.context),
+        ]
+        self.error = None
+        self._executor = LockstepExecutor(context=self.context)
+        for player in self.players:
+            self._executor.add_node(player)
+        self._thread = Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        try:
+            self._executor.run()
+        except ExternalShutdownException:
+            pass
+        except ZeroDivisionError as error:
+            self.error = error
+
+    def allow(self, last):
+        """Let numbers up to `last` go to and fro."""
+        for player in self.players:
+            player.last = last
+
+    def heard(self):
+        """Return all numbers in the order in which they were sent."""
+        return sorted(self.players[0].heard + self.players[1].heard)
+
+    def has_ended(self):
+        return not self._thread.is_alive()
+
+    def end(self):
+        self.allow(0)
+        sleep(0.1)  # the last number is in the net; what is published after the shutdown would be an error
+        rclpy.shutdown(context=self.context)
+        self._thread.join(timeout=30)
+        for player in self.players:
+            player.destroy_node()
+
+
+@pytest.fixture
+def game(domain_id):
+    game = Game(domain_id)
+    yield game
+    game.end()
+    assert game.has_ended()
+
+
+@pytest.fixture
+def serve(graph, game):
+    """Return a function that throws a number to pong."""
+    publisher = graph.publisher(UInt64, 'ping_says')
+    graph.spin_until(lambda: publisher.get_subscription_count() == 1, 'pong to listen')
+    return lambda number: publisher.publish(UInt64(data=number))
+
+
+def test_every_message_is_served_once_and_in_order(graph, game, serve):
+    game.allow(2000)
+    serve(1)
+    graph.spin_until(lambda: len(game.heard()) == 2000, 'number 2000')
+    ping, pong = game.players
+    assert pong.heard == list(range(1, 2001, 2))
+    assert ping.heard == list(range(2, 2001, 2))
+
+
+def test_messages_that_wait_together_are_all_served(graph, game, serve):
+    game.allow(0)
+    for number in range(1, 501):
+        serve(number)
+    graph.spin_until(lambda: len(game.heard()) == 500, 'all 500 numbers')
+    assert game.players[1].heard == list(range(1, 501))
+
+
+def test_flow_begins_again_after_a_silence(graph, game, serve):
+    game.allow(100)
+    serve(1)
+    graph.spin_until(lambda: len(game.heard()) == 100, 'number 100')
+    graph.spin_in_silence()
+    game.allow(200)
+    serve(101)
+    graph.spin_until(lambda: len(game.heard()) == 200, 'number 200')
+    assert game.heard() == list(range(1, 201))
+
+
+def test_parameters_services_and_timers_are_served_while_ticks_flow_at_full_speed(graph, game, serve):
+    game.allow(10**9)  # for ever
+    serve(1)
+    graph.spin_until(lambda: len(game.players[0].heard) > 100, 'the flow')
+    before, timer_calls = len(game.players[0].heard), game.players[0].timer_calls
+
+    values = graph.call(GetParameters, 'ping/get_parameters', GetParameters.Request(names=['ball'])).values
+    assert values[0].string_value == 'red'
+    greeting = graph.call(Trigger, 'pong/greet')
+    assert greeting.success
+    graph.spin_until(lambda: game.players[0].timer_calls > timer_calls, 'the timer')
+    graph.spin_until(lambda: len(game.players[0].heard) > before + 1000, 'the flow to go on')
+
+
+def test_idle_executor_costs_no_cpu(graph, game, serve):
+    for player in game.players:
+        for timer in list(player.timers):
+            player.destroy_timer(timer)
+    game.allow(100)
+    serve(1)
+    graph.spin_until(lambda: len(game.heard()) == 100, 'number 100')
+    graph.spin_in_silence()
+    before = process_time()
+    sleep(0.5)
+    assert process_time() - before < 0.1
+
+
+def test_error_in_a_callback_ends_the_executor(graph, game, serve, monkeypatch):
+    def fail(message):
+        raise ZeroDivisionError(message.data)
+
+    game.allow(100)
+    subscription = next(s for s in game.players[0].subscriptions if s.topic_name == '/pkm/pong_says')
+    monkeypatch.setattr(subscription, 'callback', fail)
+    serve(1)
+    graph.spin_until(game.has_ended, 'the executor to end')
+    assert game.error.args == (2,)

@@ -1,0 +1,319 @@
+"""Node recorder: the test plays whole cycles with publishers of its own and reads the bags that come of it."""
+
+import json
+import shutil
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import JointState
+from std_msgs.msg import UInt64
+
+from pkm_core.bags import read_metadata, typestore
+from pkm_core.errors import BagError, ConfigError
+from pkm_core.records import read_cycle
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
+from pkm_nodes import recorder
+from pkm_nodes.conversions import time_of_tick, trajectory_to_msg
+from pkm_nodes.recorder import RecorderNode
+from pkm_nodes.state_estimator import POSE_EVERY
+
+JOINTS = ('d1', 'd3', 'd5', 'd7')
+SAMPLES = 40  # of the short motion
+TS = 5e-4
+
+
+class Cell:
+    """The test in the place of everything that is recorded."""
+
+    def __init__(self, graph, short_motion, joint_trajectory):
+        self._poses, self._joints = short_motion, joint_trajectory
+        self._pose_trajectory = graph.publisher(SampledTrajectory, 'pose_trajectory')
+        self._joint_trajectory = graph.publisher(SampledTrajectory, 'joint_trajectory')
+        self._events = graph.publisher(CycleEvent, 'cycle_events')
+        self._encoders = {joint: graph.publisher(EncoderSample, f'{joint}/encoder') for joint in JOINTS}
+        self._commands = {joint: graph.publisher(MotorCommand, f'{joint}/command') for joint in JOINTS}
+        self._metrics = {joint: graph.publisher(CycleMetrics, f'{joint}/cycle_metrics') for joint in JOINTS}
+        self._pose = graph.publisher(PoseStamped, 'pose')
+        self._joint_states = graph.publisher(JointState, 'joint_states')
+
+    def tell(self, event, cycle, **fields):
+        self._events.publish(CycleEvent(event=event, cycle=cycle, **fields))
+
+    def load(self, cycle):
+        self._pose_trajectory.publish(trajectory_to_msg(self._poses, cycle=cycle, motion='short', learning_law='none'))
+        self._joint_trajectory.publish(self._joints(cycle))
+        for joint in JOINTS:
+            self.tell(CycleEvent.LOADED, cycle, source=joint, samples=SAMPLES)
+
+    def start(self, cycle, first):
+        self.tell(CycleEvent.STARTED, cycle, source='machine', tick=first, samples=SAMPLES)
+
+    def tick(self, cycle, tick, index, *, mode=EncoderSample.RUN):
+        for joint in JOINTS:
+            self._encoders[joint].publish(EncoderSample(tick=tick, cycle=cycle, index=index, mode=mode, counts=tick))
+            if mode == EncoderSample.RUN:
+                self.command(joint, cycle, tick)
+        if tick % POSE_EVERY == 0:
+            self.state(tick)
+
+    def command(self, joint, cycle, tick):
+        self._commands[joint].publish(MotorCommand(tick=tick, cycle=cycle, voltage=0.5 * tick))
+
+    def state(self, tick):
+        for publisher, message in ((self._pose, PoseStamped()), (self._joint_states, JointState())):
+            message.header.stamp = time_of_tick(tick, TS)
+            publisher.publish(message)
+
+    def finish(self, cycle, end):
+        for joint in JOINTS:
+            self._metrics[joint].publish(CycleMetrics(cycle=cycle, joint=joint))
+        self.tell(CycleEvent.FINISHED, cycle, source='machine', tick=end, samples=SAMPLES)
+
+    def play(self, cycle, first):
+        """Play a whole cycle that begins with tick `first`."""
+        self.load(cycle)
+        self.start(cycle, first)
+        for index in range(SAMPLES):
+            self.tick(cycle, first + index, index)
+        self.finish(cycle, first + SAMPLES)
+
+
+@pytest.fixture
+def cell(graph, short_motion, joint_trajectory):
+    return Cell(graph, short_motion, joint_trajectory)
+
+
+def bag_of(graph, cycle):
+    """Wait until the bag of `cycle` is closed and return its path."""
+    return Path(graph.next_event(CycleEvent.RECORDED, cycle=cycle).message)
+
+
+def counts_by_rosbags(bag):
+    with AnyReader([bag], default_typestore=typestore()) as reader:
+        return Counter(connection.topic for connection, _, _ in reader.messages())
+
+
+def counts_by_mcap(bag):
+    with next(bag.glob('*.mcap')).open('rb') as stream:
+        return Counter(channel.topic for _, channel, _ in make_reader(stream).iter_messages())
+
+
+def expected_counts(*, encoder=SAMPLES, command=SAMPLES, metrics=1, states=2, events=6):
+    per_joint = {'encoder': encoder, 'command': command, 'cycle_metrics': metrics}
+    counts = {f'/pkm/{joint}/{kind}': count for joint in JOINTS for kind, count in per_joint.items()}
+    counts |= {f'/pkm/{topic}': 1 for topic in ('pose_trajectory', 'joint_trajectory')}
+    counts |= {f'/pkm/{topic}': states for topic in ('pose', 'joint_states')}
+    return {topic: count for topic, count in (counts | {'/pkm/cycle_events': events}).items() if count}
+
+
+def test_cycle_gives_one_bag_that_rosbags_and_mcap_read_with_every_message(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.play(1, 0)
+    recorded = graph.next_event(CycleEvent.RECORDED)
+    bag = Path(recorded.message)
+    assert list(tmp_path.iterdir()) == [bag]
+    assert bag.name.startswith('short_0001_')
+    assert counts_by_rosbags(bag) == counts_by_mcap(bag) == expected_counts()
+    assert (recorded.source, recorded.cycle, recorded.samples) == ('recorder', 1, sum(expected_counts().values()))
+
+    expected = json.loads(read_metadata(bag)['custom_data']['expected'])
+    # of events nobody can say how many there must be
+    assert expected == {t: count for t, count in expected_counts().items() if t != '/pkm/cycle_events'}
+
+
+def test_values_and_simulated_times_are_what_was_published(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.play(1, 60)
+    bag, ticks = bag_of(graph, 1), range(60, 60 + SAMPLES)
+    with AnyReader([bag], default_typestore=typestore()) as reader:
+        connections = [c for c in reader.connections if c.topic == '/pkm/d3/command']
+        commands = [(time, reader.deserialize(data, c.msgtype)) for c, time, data in reader.messages(connections)]
+    assert [(time, m.tick, m.voltage) for time, m in commands] == [(500_000 * t, t, 0.5 * t) for t in ticks]
+    with next(bag.glob('*.mcap')).open('rb') as stream:
+        samples = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(['/pkm/d3/encoder'])
+        assert [(raw.log_time, m.tick, m.counts) for _, _, raw, m in samples] == [(500_000 * t, t, t) for t in ticks]
+
+
+def test_every_cycle_has_its_own_bag(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    for cycle in (1, 2, 3):
+        cell.play(cycle, (cycle - 1) * SAMPLES)
+    for cycle in (1, 2, 3):
+        record = read_cycle(bag_of(graph, cycle))
+        assert record.ticks.tolist() == list(range((cycle - 1) * SAMPLES, cycle * SAMPLES))
+        assert record.recorded == expected_counts()
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_messages_that_come_after_the_end_of_their_cycle_are_waited_for(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.load(1)
+    cell.start(1, 0)
+    for index in range(SAMPLES - 1):
+        cell.tick(1, index, index)
+    cell.finish(1, SAMPLES)
+    graph.spin_in_silence()
+    cell.tick(1, SAMPLES - 1, SAMPLES - 1)
+    assert counts_by_mcap(bag_of(graph, 1)) == expected_counts()
+
+
+def test_messages_that_never_come_are_named_and_the_bag_is_closed(graph, cell, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(recorder, '_STRAGGLERS', 0.2)
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.load(1)
+    cell.start(1, 0)
+    for index in range(SAMPLES - 1):
+        cell.tick(1, index, index)
+    cell.finish(1, SAMPLES)
+    bag = bag_of(graph, 1)
+    assert counts_by_mcap(bag) == expected_counts(encoder=SAMPLES - 1, command=SAMPLES - 1)
+    assert "'/pkm/d1/encoder': '39 of 40'" in capfd.readouterr().err
+
+
+def test_cycle_cut_short_by_a_fault_is_closed_and_readable(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.load(1)
+    cell.start(1, 0)
+    for index in range(10):
+        cell.tick(1, index, index)
+    for tick in range(10, 30):
+        cell.tick(1, tick, 10, mode=EncoderSample.SAFE_STOP)
+    cell.tell(CycleEvent.FAULT, 1, source='machine', tick=30, samples=10, message='no answer')
+    bag = bag_of(graph, 1)
+    assert counts_by_rosbags(bag) == counts_by_mcap(bag) == expected_counts(encoder=30, command=10, metrics=0)
+    assert read_cycle(bag).ticks.tolist() == list(range(10))
+
+    cell.play(2, 30)
+    assert counts_by_mcap(bag_of(graph, 2)) == expected_counts()
+
+
+def test_recorder_that_ends_in_the_middle_of_a_cycle_leaves_a_readable_bag(graph, cell, tmp_path):
+    node = graph.start(RecorderNode, folder=str(tmp_path))
+    progress = graph.listen(UInt64, 'recorder/tick')
+    cell.load(1)
+    cell.start(1, 0)
+    for index in range(SAMPLES):
+        cell.tick(1, index, index)
+    graph.spin_until(lambda: progress and progress[-1].data == SAMPLES - 1, 'the progress of the recorder')
+    graph.stop(node)
+    (bag,) = tmp_path.iterdir()
+    assert counts_by_rosbags(bag) == counts_by_mcap(bag) == expected_counts(metrics=0, events=5)
+
+
+def test_late_message_of_a_closed_cycle_does_not_disturb_the_next_one(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.load(1)
+    cell.start(1, 0)
+    cell.tick(1, 0, 0)
+    for tick in (1, 2):
+        cell.tick(1, tick, 1, mode=EncoderSample.SAFE_STOP)
+    cell.tell(CycleEvent.FAULT, 1, source='machine', tick=3, samples=1, message='no answer from d3')
+    bag_of(graph, 1)
+    cell.load(2)
+    graph.spin_in_silence()
+    cell.command('d3', 1, 0)  # the joint_controller that was missing has come back to its senses
+    graph.spin_in_silence()
+    cell.start(2, 3)
+    for index in range(SAMPLES):
+        cell.tick(2, 3 + index, index)
+    cell.finish(2, 3 + SAMPLES)
+    assert read_cycle(bag_of(graph, 2)).recorded == expected_counts()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_cycle_whose_machine_has_died_does_not_take_the_messages_of_the_next_one(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.load(1)
+    cell.start(1, 0)
+    cell.tick(1, 0, 0)
+    graph.spin_in_silence()
+    cell.load(2)
+    cell.start(2, 0)  # another machine, switched on anew
+    graph.spin_in_silence()
+    for index in range(SAMPLES):
+        cell.tick(2, index, index)
+    cell.finish(2, SAMPLES)
+    assert counts_by_mcap(bag_of(graph, 2)) == expected_counts()
+
+
+def test_cycle_that_is_refused_leaves_no_bag(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.load(1)
+    cell.tell(CycleEvent.REFUSED, 1, source='machine', message='lengths differ')
+    cell.play(2, 0)
+    bag = bag_of(graph, 2)
+    assert list(tmp_path.iterdir()) == [bag]
+    assert counts_by_mcap(bag) == expected_counts()
+
+
+def test_trajectory_that_is_sent_again_is_recorded_once(graph, cell, tmp_path):
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.load(1)
+    cell.load(1)
+    cell.play(1, 0)
+    assert counts_by_mcap(bag_of(graph, 1)) == expected_counts(events=14)
+
+
+def test_recorder_reports_first_when_every_joint_is_connected(graph, tmp_path):
+    progress = graph.listen(UInt64, 'recorder/tick')
+    graph.start(RecorderNode, folder=str(tmp_path))
+    for joint in JOINTS:
+        graph.publisher(EncoderSample, f'{joint}/encoder')
+    for joint in JOINTS[:3]:
+        graph.publisher(MotorCommand, f'{joint}/command')
+    graph.spin_in_silence()
+    graph.spin_in_silence()
+    assert not progress
+    graph.publisher(MotorCommand, 'd7/command')
+    graph.spin_until(lambda: progress, 'the first word of the recorder')
+    assert progress[0].data == 0
+
+
+def test_recorder_reports_the_tick_that_every_topic_has_reached(graph, cell, tmp_path):
+    progress = graph.listen(UInt64, 'recorder/tick')
+    graph.start(RecorderNode, folder=str(tmp_path))
+    cell.load(1)
+    cell.start(1, 0)
+    for index in range(SAMPLES):
+        cell.tick(1, index, index)
+    graph.spin_until(lambda: progress and progress[-1].data == SAMPLES - 1, 'the progress of the recorder')
+    assert all(a.data <= b.data for a, b in pairwise(progress))
+
+
+def test_recorder_that_cannot_write_any_more_says_so_and_lets_the_machine_go_on(graph, cell, tmp_path, capfd):
+    folder = tmp_path / 'bags'
+    progress = graph.listen(UInt64, 'recorder/tick')
+    graph.start(RecorderNode, folder=str(folder))
+    cell.play(1, 0)
+    bag = bag_of(graph, 1)
+    shutil.move(folder, tmp_path / 'elsewhere')
+    folder.write_text('a file in the place of the folder')
+    cell.play(2, SAMPLES)
+    graph.spin_until(lambda: progress and progress[-1].data == 2 * SAMPLES - 1, 'the progress of the recorder')
+    assert f'recording has stopped: {folder}: ' in capfd.readouterr().err
+    assert counts_by_mcap(tmp_path / 'elsewhere' / bag.name) == expected_counts()
+
+
+def test_folder_that_cannot_be_written_is_refused(graph, tmp_path):
+    (tmp_path / 'file').touch()
+    folder = tmp_path / 'file' / 'bags'
+    with pytest.raises(BagError, match=f'{folder}: cannot be written: Not a directory'):
+        graph.start(RecorderNode, folder=str(folder))
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'text'),
+    [
+        ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown"),
+        ({'fodler': 'here'}, r"/pkm/recorder has unknown parameter\(s\) \['fodler'\]; known: .*'folder'"),
+    ],
+)
+def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text, tmp_path):
+    with pytest.raises(ConfigError, match=text):
+        graph.start(RecorderNode, **{'folder': str(tmp_path)} | parameters)
