@@ -48,7 +48,7 @@ def test_main_job_prints_the_figures_of_the_readme(checkout):
     assert len(printed) == len(promised) == 8
     for ours, theirs in zip(printed, promised, strict=True):
         assert ours[:2] == theirs[:2]
-        # sines differ in the last bit between kinds of processors, and the encoder rounds: the figures may move a little
+        # sines differ in the last bit between kinds of processors, and the encoder rounds: figures may move a little
         assert ours[2] == pytest.approx(theirs[2], abs=0.5), 'max dynamic error [um]'
         assert ours[3] == pytest.approx(theirs[3], abs=2.0), 'settling to 5 um [ms]'
     assert ' 0 lost' in done.stdout

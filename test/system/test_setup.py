@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-TOOLS = 'bash dirname readlink cat find sort xargs sha256sum cut uname awk mkdir rm env tail'.split()
+TOOLS = [
+    *('bash', 'dirname', 'readlink', 'cat', 'find', 'sort', 'xargs', 'sha256sum'),
+    *('cut', 'uname', 'awk', 'mkdir', 'tail'),
+]
 
 
 @pytest.fixture
