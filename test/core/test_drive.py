@@ -62,10 +62,10 @@ def test_current_step_is_exact_at_any_duration():
 
 
 def test_peak_current_holds_until_heat_is_used_up():
-    assert limited_current(9.0, 0.0, 1.25, 3.0) == 3.0
-    assert limited_current(-9.0, 0.0, 1.25, 3.0) == -3.0
-    assert limited_current(-2.0, 0.0, 1.25, 3.0) == -2.0
-    assert limited_current(9.0, 1.6, 1.25, 3.0) == pytest.approx(1.25 * np.sqrt(2.0))
+    assert limited_current(15.0, 0.0, 3.0, 12.5) == 12.5
+    assert limited_current(-15.0, 0.0, 3.0, 12.5) == -12.5
+    assert limited_current(-2.0, 0.0, 3.0, 12.5) == -2.0
+    assert limited_current(15.0, 9.1, 3.0, 12.5) == pytest.approx(3.0 * np.sqrt(2.0))
 
 
 def test_stalled_drive_falls_back_to_its_continuous_current():
@@ -73,11 +73,11 @@ def test_stalled_drive_falls_back_to_its_continuous_current():
     pushing = np.array([-10.0, 10.0])  # into the stops
     for _ in range(600):
         plant.tick(pushing)
-    np.testing.assert_allclose(np.abs(plant.truth.current), 3.0, rtol=1e-3)
-    for _ in range(10000):
+    np.testing.assert_allclose(np.abs(plant.truth.current), 12.5, rtol=1e-3)
+    for _ in range(2400):
         plant.tick(pushing)
-    # tau = 10 s from cold: 3^2 / 2 (1 - exp(-t / 10)) reaches 1.25^2 after 4.3 s
-    np.testing.assert_allclose(np.abs(plant.truth.current), 1.25 * np.sqrt(2.0), rtol=1e-3)
+    # tau = 10 s from cold: 12.5^2 / 2 (1 - exp(-t / 10)) reaches 3^2 after 1.2 s
+    np.testing.assert_allclose(np.abs(plant.truth.current), 3.0 * np.sqrt(2.0), rtol=1e-3)
 
 
 def test_three_phases_sum_to_zero_and_push_alike_everywhere():
@@ -142,9 +142,7 @@ def test_shorting_and_releasing_never_lets_the_current_jump():
     forces = []
     for k in range(9000):
         shorted = 3000 <= k < 6000
-        short, loop, force = emf_step(
-            short, loop, 0.2, damping, WINDING, decays[0], LAG, decays[1], substep, shorted
-        )
+        short, loop, force = emf_step(short, loop, 0.2, damping, WINDING, decays[0], LAG, decays[1], substep, shorted)
         forces.append(force)
     # steepest: the loop takes the 21.7 N of the brake away within 21 us
     assert np.abs(np.diff(forces)).max() < 1.1 * damping * 0.2 * substep / LAG

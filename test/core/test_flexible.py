@@ -9,7 +9,7 @@ from pkm_core.config import config_folder
 from pkm_core.flexible import STEP_SIZE, blend_steps, mode_step, mode_steps
 from pkm_core.machines import load_machine
 from pkm_core.plant import Plant
-from pkm_core.truth import Mode, load_truth
+from pkm_core.truth import load_truth
 
 H = 31.25e-6
 MACHINES = ('four_dof', 'planar', 'xy_stage')
@@ -67,7 +67,9 @@ def test_planar_d3_is_the_printed_transfer_function():
     np.testing.assert_allclose(response(axes_of('planar')['d3'].modes, s), printed, rtol=1e-4)
 
 
-@pytest.mark.parametrize(('name', 'lowest', 'highest'), [('four_dof', 355, 446), ('planar', 371, 438), ('xy_stage', 220, 252)])
+@pytest.mark.parametrize(
+    ('name', 'lowest', 'highest'), [('four_dof', 355, 446), ('planar', 371, 438), ('xy_stage', 220, 252)]
+)
 def test_main_resonances_are_those_of_the_thesis(name, lowest, highest):
     main = [axis.modes[-1].resonance for axis in axes_of(name).values()]
     assert min(main) == pytest.approx(lowest, abs=0.5)
@@ -96,7 +98,7 @@ def test_blend_is_the_table_at_its_points_and_stays_within():
 
 @pytest.fixture
 def clean_stage(tmp_path, monkeypatch):
-    """Return a function that gives an XY stage with modes only, their frequencies stretched by `shift` up the travel."""
+    """Return a function that gives an ideal XY stage but for its modes, stretched by `shift` up the travel."""
 
     def make(shift):
         shutil.copytree(config_folder(), tmp_path / 'config', dirs_exist_ok=True)

@@ -37,13 +37,13 @@ def test_four_dof_file_holds_the_nominal_facts():
     assert machine.encoder_resolution == pytest.approx(0.2e-6)
     assert machine.voltage_limit == 10.0
     assert machine.thrust_per_volt == pytest.approx(11.0485, abs=1e-4)  # 12.5 N/A rms * 1.25 A/V / sqrt 2
-    assert machine.limits.thrust == pytest.approx(26.5165, abs=1e-4)  # at 3 A
+    assert machine.limits.thrust == pytest.approx(110.4854, abs=1e-4)  # at 12.5 A, 10 V
     assert machine.limits.speed == 0.8
 
 
-def test_xy_stage_reaches_its_peak_current_at_the_command_of_the_others():
-    stage, planar = load_machine('xy_stage'), load_machine('planar')
-    assert stage.limits.thrust / stage.thrust_per_volt == pytest.approx(planar.limits.thrust / planar.thrust_per_volt)
+def test_amplifier_of_the_xy_stage_limits_below_its_full_range():
+    stage = load_machine('xy_stage')
+    assert stage.limits.thrust / stage.thrust_per_volt == pytest.approx(2.4)  # [V], at 12 A of Table 7.4
 
 
 def test_machine_of_a_path_is_called_like_its_file(edited):

@@ -1,7 +1,6 @@
-"""The whole plant: signal path, identified gains, stops, brake, repeatability; everything through its public interface."""
+"""The whole plant through its public interface: signal path, identified gains, energy, convergence, repeatability."""
 
 import shutil
-from itertools import product
 
 import numpy as np
 import pytest
@@ -48,9 +47,9 @@ def run(plant, volts, readings=None):
 
 
 def smooth_move(plant, distance, ticks=140):
-    """Return volts (T, n) that carry every joint about `distance` (n,) [m] in `ticks`, seventh-order, and rest after."""
+    """Return volts (T, n) that carry each joint about `distance` (n,) [m] in `ticks`, seventh-order, then rest."""
     t = np.arange(ticks) / ticks
-    shape = 420 * t**2 - 1680 * t**3 + 2100 * t**4 - 840 * t**5  # second derivative of 35 t^4 - 84 t^5 + 70 t^6 - 20 t^7
+    shape = 420 * t**2 - 1680 * t**3 + 2100 * t**4 - 840 * t**5  # of 35 t^4 - 84 t^5 + 70 t^6 - 20 t^7
     machine = plant.machine
     acceleration = np.outer(shape / (ticks * machine.sample_time) ** 2, distance)
     return np.vstack([acceleration / GAINS[machine.name], np.zeros((20, len(distance)))])
@@ -100,7 +99,8 @@ def test_ideal_axis_follows_exact_solution_of_lag_and_mass():
     lag, delay = 1.0 / (2.0 * np.pi * 7420.0), 2.9e-6
     for i, load in enumerate(mass):
         a = 10.0 * (load - 0.0023) / load  # the viscosity is that of the identified mass, without substrate
-        system = np.array([[0, 1, 0, 0], [0, -a, plant.machine.thrust_per_volt / load, 0], [0, 0, -1 / lag, 1 / lag], [0] * 4])
+        K = plant.machine.thrust_per_volt / load
+        system = np.array([[0, 1, 0, 0], [0, -a, K, 0], [0, 0, -1 / lag, 1 / lag], [0, 0, 0, 0]])
         early, late = expm(system * delay), expm(system * (TICK - delay))
         x, applied, last = np.zeros(4), 0.0, 0.0
         expected = [0.0]
@@ -111,8 +111,8 @@ def test_ideal_axis_follows_exact_solution_of_lag_and_mass():
             x = late @ x
             last, applied = applied, u
             expected.append(x[0])
-        # midpoint rule at 31.25 us: the viscous term sees the mean of a current that settles within the substep
-        np.testing.assert_allclose(positions[:, i] - plant.machine.home[i], expected, atol=2e-9)
+        # up to 1 V more or less each tick: within its first substep the thrust is taken as even, though it comes late
+        np.testing.assert_allclose(positions[:, i] - plant.machine.home[i], expected, atol=6e-9)
 
 
 @pytest.mark.parametrize('name', ['planar', 'four_dof'])
@@ -131,8 +131,8 @@ def test_identified_gains_appear_when_the_other_joints_are_held(name, altered):
         t = 4 * TICK - 24.3e-6
         viscosity = {'planar': (11.767, 22.22), 'four_dof': (26.38, 21.03, 15.21, 41.15)}[name][i]
         moved = q[-1] - q[0]
-        # 1e-3: rounding of 0.3 mV against 0.2 V, square of the lag in t^2
-        assert moved[i] * (1.0 + viscosity * t / 3.0) / (0.5 * t * t) == pytest.approx(1.5, rel=1e-3)
+        # 2e-3: rounding of 0.3 mV against 0.2 V, the square of the lag in t^2, even thrust in the first substep
+        assert moved[i] * (1.0 + viscosity * t / 3.0) / (0.5 * t * t) == pytest.approx(1.5, rel=2e-3)
         assert np.abs(np.delete(moved, i)).max() < 5e-3 * moved[i]
 
 
@@ -147,8 +147,8 @@ def test_identified_viscosity_slows_a_coasting_axis(altered):
 @pytest.mark.parametrize(('name', 'errors'), [('planar', (3, -3)), ('four_dof', (3, -3, -4, 4)), ('xy_stage', (3, -3))])
 def test_true_gain_differs_from_identified_one(name, errors, altered):
     quiet = [(f'gain_jitter: {level} %', 'gain_jitter: 0 %') for level in ('0.05', '0.5')]
-    quiet += [('ripple: 1.5 %', 'ripple: 0 %'), ('cogging: 0.05 N', 'cogging: 0 N'), ('back_emf: true', 'back_emf: false')]
-    quiet += [('amplifier_noise: 2 mV', 'amplifier_noise: 0 mV')]
+    quiet += [('ripple: 1.5 %', 'ripple: 0 %'), ('cogging: 0.05 N', 'cogging: 0 N')]
+    quiet += [('back_emf: true', 'back_emf: false'), ('amplifier_noise: 2 mV', 'amplifier_noise: 0 mV')]
     plant = altered(name, 'nominal', *quiet)
     run(plant, np.full((4, len(errors)), 1.25))  # a whole number of codes
     nominal = 1.25 * plant.machine.thrust_per_volt
@@ -177,15 +177,15 @@ def test_free_motion_keeps_its_energy(altered):
     assert abs(energy() - start) < 1e-8
 
 
-@pytest.mark.parametrize('environment', ['ideal', 'nominal'])
-def test_halving_the_substep_changes_positions_by_less_than_a_hundredth_of_a_micrometre(environment, altered):
+@pytest.mark.parametrize('environment', ['ideal', 'nominal', 'hard', 'elastic'])
+def test_halving_the_substep_changes_positions_by_less_than_a_fiftieth_of_a_micrometre(environment, altered):
     coarse = altered('four_dof', environment)
     volts = smooth_move(coarse, np.array([5e-3, 5e-3, -4e-3, 4e-3]))
     positions = run(coarse, volts)
-    fine = altered('four_dof', environment, ('substep: 31.25 us', 'substep: 15.625 us'))
+    fine = altered('four_dof', environment, ('substep: 62.5 us', 'substep: 31.25 us'))
     difference = np.abs(run(fine, volts) - positions).max()
     assert np.abs(positions - positions[0]).max() > 2e-3
-    assert difference < 0.01e-6  # found: 0.5 nm ideal, 3 nm nominal, a quarter of it at a quarter of the step
+    assert difference < 0.02e-6  # found: 2 nm ideal, 11 nm nominal and elastic, 15 nm hard; test/bench has the table
 
 
 @pytest.mark.parametrize('name', MACHINES)
@@ -262,59 +262,3 @@ def test_unknown_environment_lists_the_known_ones():
 def test_gain_that_needs_less_than_the_listed_mass_is_refused(altered):
     with pytest.raises(ConfigError, match=r'axes\.d1\.gain.*less than'):
         altered('planar', 'nominal', ('gain: 11440 mm', 'gain: 21440 mm'))
-
-
-@pytest.mark.parametrize('signs', list(product((-1.0, 1.0), repeat=4)))
-def test_full_voltage_into_any_stop_ends_in_a_fault_and_finite_numbers(signs):
-    plant = Plant(load_machine('four_dof'), 1, 'nominal')
-    run(plant, np.tile(10.0 * np.array(signs), (400, 1)))
-    assert 'ran into its' in plant.fault
-    truth = plant.truth
-    assert np.isfinite(truth.pose).all()
-    # 27 N, at some 1 m/s on 1000 N/mm: below 2 mm beyond the stop, which is 1 mm beyond the travel
-    limits = plant.machine.limits
-    assert (truth.q > limits.lower - 3e-3).all()
-    assert (truth.q < limits.upper + 3e-3).all()
-
-
-def test_fault_names_joint_place_and_travel():
-    plant = Plant(load_machine('planar'), 1, 'ideal')
-    run(plant, np.tile([0.0, 3.0], (300, 1)))
-    assert 'd3 ran into its upper stop at 16' in plant.fault
-    assert 'travel is 119.50 to 159.50 mm' in plant.fault
-    plant.reset()
-    assert plant.fault is None
-
-
-def test_carriages_that_meet_are_a_collision(altered):
-    # carriages longer than the gap of 20 mm that the stops leave
-    plant = altered('four_dof', 'ideal', ('carriage_length: 15 mm', 'carriage_length: 40 mm'))
-    run(plant, np.tile([2.0, -2.0, 0.0, 0.0], (300, 1)))
-    assert 'carriages d1 at' in plant.fault
-    assert 'collided' in plant.fault
-    assert plant.truth.q[1] - plant.truth.q[0] > 39e-3
-
-
-@pytest.mark.parametrize('name', MACHINES)
-def test_brake_stops_the_moving_machine_without_volts(name):
-    plant = Plant(load_machine(name), 1, 'nominal')
-    run(plant, np.tile(np.where(np.arange(len(plant.machine.joints)) % 2, -1.5, 1.5), (40, 1)))
-    speed = np.abs(plant.truth.qd).max()
-    readings = list(plant.brake(400))
-    assert len(readings) == 400
-    assert np.abs(plant.truth.qd).max() < 1e-3 * speed  # four time constants of the heaviest; then friction catches it
-    assert np.abs(plant.truth.current).max() < 1e-12
-    assert plant.fault is None
-
-
-def test_brake_force_is_that_of_shorted_phases_behind_their_time_constant():
-    plant = Plant(load_machine('xy_stage'), 1, 'ideal')
-    run(plant, np.vstack([np.tile([2.0, 0.0], (40, 1)), np.zeros((4, 2))]))
-    next(iter(plant.brake(1)))
-    early = plant.truth.thrust[0] / plant.truth.qd[0]
-    list(plant.brake(9))
-    late = plant.truth.thrust[0] / plant.truth.qd[0]
-    # Kf^2 / (1.5 R) = 12.5^2 / (1.5 * 0.48) = 217 N s/m; L/R = 0.375 ms lets 1 - exp(-0.484/0.375) come up in one tick,
-    # less what the carriage slows down: 217 N s/m on 8.2 kg is 26 /s, 1 % over the lag
-    assert early == pytest.approx(-217.0 * (1.0 - np.exp(-0.484 / 0.375)), rel=0.02)
-    assert late == pytest.approx(-217.0, rel=0.02)

@@ -5,6 +5,7 @@ The test has a node of its own in it, publishes and listens like any other node,
 module has a DDS domain that no other run on this machine uses at the time; every test has its own context.
 """
 
+import gc
 import tempfile
 from collections import Counter
 from fcntl import LOCK_EX, LOCK_NB, flock
@@ -40,13 +41,17 @@ class Graph:
     def __init__(self):
         self._executor = SingleThreadedExecutor()
         self._nodes = []
+        self._has_litter = False
         self.node = PkmNode('test')
         self._add(self.node)
         self.events = self.listen(CycleEvent, 'cycle_events')
 
     def start(self, node_type, **parameters):
         """Return a running node with these parameters; a machine brings its motors with it."""
-        node = node_type(parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()])
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self._has_litter = True  # until it is made; one that refuses its parameters cannot be destroyed
+        node = node_type(parameter_overrides=overrides)
+        self._has_litter = False
         for each in (node, *getattr(node, 'motors', ())):
             self._add(each)
         self._connect()
@@ -111,6 +116,8 @@ class Graph:
         self._executor.shutdown()
         for node in self._nodes:
             node.destroy_node()
+        if self._has_litter:
+            gc.collect()
 
     def _add(self, node):
         self._nodes.append(node)

@@ -166,10 +166,12 @@ def test_messages_that_come_after_the_end_of_their_cycle_are_waited_for(graph, c
 def test_messages_that_never_come_are_named_and_the_bag_is_closed(graph, cell, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(recorder, '_STRAGGLERS', 0.2)
     graph.start(RecorderNode, folder=str(tmp_path))
+    progress = graph.listen(UInt64, 'recorder/tick')
     cell.load(1)
     cell.start(1, 0)
     for index in range(SAMPLES - 1):
         cell.tick(1, index, index)
+    graph.spin_until(lambda: progress and progress[-1].data == SAMPLES - 2, 'the progress of the recorder')
     cell.finish(1, SAMPLES)
     bag = bag_of(graph, 1)
     assert counts_by_mcap(bag) == expected_counts(encoder=SAMPLES - 1, command=SAMPLES - 1)

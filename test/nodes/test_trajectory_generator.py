@@ -67,9 +67,9 @@ class Machine:
         return next(t for t in self.trajectories if t.cycle == cycle)
 
     def finish(self, cycle, errors=(1e-6, 2e-6, 3e-6, 4e-6)):
-        self.tell(CycleEvent.FINISHED, cycle)
         for joint, error in zip(JOINTS, errors, strict=False):
             self._metrics[joint].publish(CycleMetrics(cycle=cycle, joint=joint, max_dynamic_error=error))
+        self.tell(CycleEvent.FINISHED, cycle)
 
     def run(self, cycle):
         trajectory = self.start(cycle)

@@ -47,10 +47,10 @@ class Assembly:
 
     def end_point(self, q, belts):
         """
-        Return the pose (..., m) at the true joint positions `q` (..., n) [m] and belt rotations `belts` (..., 2 or 0) [rad].
+        Return the pose (..., m) at true joint positions `q` (..., n) [m], belt rotations `belts` (..., 2 or 0) [rad].
 
         Coordinates as Machine.forward, which it equals for nominal links and stiff belts. Source: (2.5)-(2.19) with the
-        circles of unequal links intersected; belts as belts.py.
+        circles of unequal links intersected; belts as in belts.py.
         """
         if self.mechanism == 'xy_stage':
             return np.array(q)

@@ -1,9 +1,11 @@
 """
 Drive of one axis: DAC, current loop, i2t limit, thrust with ripple and cogging, back EMF, commutation; thesis ch. 6.
 
-The current is followed by its amplitude [A] in the frame of the magnets. That is what two-phase commutation makes of it:
-the phase currents of `phase_currents` give a thrust independent of position, and the lag they suffer by turning at
-v / pitch (< 3 mrad at 0.5 m/s) costs 4e-6 of the thrust. The 150 V bus is never reached (Table 6.2) and left out.
+The current is followed by its amplitude [A] in the frame of the magnets. That is what two-phase commutation makes of
+it: the phase currents of `phase_currents` give a thrust independent of position, and the lag they suffer by turning at
+v / pitch (< 3 mrad at 0.5 m/s) costs 4e-6 of the thrust. Left out: the phase shift between the two references of the
+commutation, and the 150 V bus (Table 6.2). A step from zero to the peak current asks 180 V of it, for 4 us; one from
+end to end of the range would take 12 us longer than here; the steps of a smooth motion ask a few volts.
 """
 
 import math
@@ -11,26 +13,28 @@ import math
 import numpy as np
 from numba import njit
 
+_CAPACITOR = 22e-9  # F, of the analogue PI controller, thesis 6.3
 
-@njit(cache=True)
+
+@njit(cache=True, error_model='numpy')
 def dac_output(volts, voltage_limit, step):
     """Return the voltage [V] a converter with codes of `step` gives for `volts`, saturated at +-`voltage_limit`."""
     within = min(max(volts, -voltage_limit), voltage_limit - step)
     return step * math.floor(within / step + 0.5)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def limited_current(command, heat, continuous, peak):
     """
-    Return the amplitude [A] the amplifier follows: `command` within the peak, or the continuous limit once i2t is used up.
+    Return the amplitude [A] the amplifier follows: `command` within the peak, or the continuous limit while too hot.
 
-    `heat` is the filtered square of the rms current [A^2]; `continuous` is rms, `peak` an amplitude [A].
+    The i2t rule: `heat` is the filtered square of the rms current [A^2]; `continuous` is rms, `peak` an amplitude [A].
     """
     limit = peak if heat < continuous * continuous else min(peak, math.sqrt(2.0) * continuous)
     return min(max(command, -limit), limit)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def current_step(current, command, decay, time_constant, duration):
     """
     Return (amplitude, its integral [A s]) after the first-order current loop (6.3) followed a constant `command`.
@@ -41,7 +45,7 @@ def current_step(current, command, decay, time_constant, duration):
     return reached, command * duration - time_constant * (reached - current)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def motor_thrust(current, position, newton_per_ampere, ripple, cogging, pitch):
     """
     Return the thrust [N] at an amplitude `current` [A] with the carriage at `position` [m].
@@ -53,18 +57,18 @@ def motor_thrust(current, position, newton_per_ampere, ripple, cogging, pitch):
     return newton_per_ampere * current * (1.0 + ripple * sine) + cogging * 2.0 * sine * math.cos(angle)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def emf_step(short_force, loop_force, speed, damping, winding, winding_decay, loop, loop_decay, duration, shorted):
     """
-    Return (short_force, loop_force, mean force [N]) after `duration` at constant `speed`: what the back EMF does.
+    Return (short_force, loop_force, mean force [N]) of the back EMF after `duration` at constant `speed`.
 
     With the phases shorted the EMF drives a current through the winding: a force -damping v behind the lag L/R. Under
-    current control the loop rejects it; from (6.1), (6.2) with unit feedback I/E = -s tau / (R (1 + s L/R) (1 + s tau)): the
-    same force through a high-pass at the bandwidth of the loop. Seen from the carriage that is damping * tau, 2 g of mass.
-    `winding` and `loop` are the time constants L/R and tau [s], the decays exp(-duration / time constant).
+    current control the loop rejects it; from (6.1), (6.2) with unit feedback I/E = -s tau / (R (1 + s L/R)(1 + s tau)):
+    the same force through a high-pass at the bandwidth of the loop. Seen from the carriage that is damping * tau, 2 g
+    of mass. `winding` and `loop` are the time constants L/R and tau [s], the decays exp(-duration / time constant).
     """
     drag = damping * speed
-    start = short_force - loop_force if shorted else short_force  # the current does not jump when the phases are shorted
+    start = short_force - loop_force if shorted else short_force  # shorting the phases does not make the current jump
     end = drag + (start - drag) * winding_decay
     if shorted:
         return end, 0.0, winding * (end - start) / duration - drag
@@ -85,7 +89,7 @@ def shorted_damping(thrust_per_ampere, resistance):
 
 def phase_currents(current, position, pitch):
     """
-    Return the three phase currents [A], shape (3, ...), of an amplitude `current` [A] with the carriage at `position` [m].
+    Return the three phase currents (3, ...) [A] of an amplitude `current` [A] with the carriage at `position` [m].
 
     Ua = U cos(the + th0), Ub = U cos(the + th0 + 2 pi/3), Ic = -(Ia + Ib), the = 2 pi position / pitch (6.2);
     th0 = pi/2 puts the current in phase with the EMF.
@@ -96,12 +100,12 @@ def phase_currents(current, position, pitch):
     return np.array([a, b, -(a + b)])
 
 
-def current_loop_response(frequencies, drive, capacitor=22e-9):
+def current_loop_response(frequencies, drive):
     """
     Return the complex response current over command of the current loop, 1 at low frequency; (6.1)-(6.3), Fig. 6.10.
 
-    The components follow from pole placement: R = Lm / (Rm C) (6.2), Rc from the bandwidth. The lag alone gives -7.68 deg at
-    1 kHz; the thesis measured -8.72, the rest is drive.delay.
+    The components follow from pole placement: R = Lm / (Rm C) (6.2), Rc from the bandwidth. The lag alone gives
+    -7.68 deg at 1 kHz; the thesis measured -8.72, the rest is drive.delay.
 
     Parameters
     ----------
@@ -109,14 +113,11 @@ def current_loop_response(frequencies, drive, capacitor=22e-9):
         [Hz].
     drive : truth.Drive
         Winding, bandwidth, delay.
-    capacitor : float
-        C of the analogue PI controller [F].
 
     """
     s = 2j * np.pi * np.asarray(frequencies, dtype=float)
-    proportional = drive.inductance / (drive.resistance * capacitor)
-    command_resistor = 1.0 / (2.0 * np.pi * drive.bandwidth * drive.resistance * capacitor)
-    lead = 1.0 + s * proportional * capacitor
-    motor = drive.resistance * (1.0 + s * drive.inductance / drive.resistance)
-    # (6.1) in the form command -> current; its resistors only set the scale, which the amplifier gain carries
-    return lead / (motor * s * command_resistor * capacitor + lead) * np.exp(-s * drive.delay)
+    R = drive.inductance / (drive.resistance * _CAPACITOR)
+    Rc = 1.0 / (2.0 * np.pi * drive.bandwidth * drive.resistance * _CAPACITOR)
+    lead = 1.0 + s * R * _CAPACITOR
+    motor = drive.resistance + s * drive.inductance
+    return lead / (motor * s * Rc * _CAPACITOR + lead) * np.exp(-s * drive.delay)

@@ -25,7 +25,7 @@ FOUR_DOF_PARAMETERS = (
 )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _t_mechanism(l2, h, hd, sliders, links, arms, inertias):
     """
     Return one pair of sliders with its two links: (Mll, Mlh, Mhh, f, c, Y, yb).
@@ -52,7 +52,7 @@ def _t_mechanism(l2, h, hd, sliders, links, arms, inertias):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def planar_terms(q, qd, p, M, C, G):
     """Fill M, C, G of the planar manipulator, q = [d1, d3]; p as PLANAR_PARAMETERS; (7.1)-(7.12)."""
     l2, m1, m2, m3, m4, mp, r2, r4, I2, I4 = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9]
@@ -67,7 +67,7 @@ def planar_terms(q, qd, p, M, C, G):
     G[0] = G[1] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def xy_stage_terms(q, qd, p, M, C, G):
     """Fill M, C, G of the stacked XY stage, q = [x, y]; p as XY_STAGE_PARAMETERS."""
     M[0, 0] = p[0]
@@ -77,7 +77,7 @@ def xy_stage_terms(q, qd, p, M, C, G):
     G[0] = G[1] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def four_dof_terms(q, qd, p, M, C, G):
     """Fill M, C, G of the 4-DOF manipulator, q = [d1, d3, d5, d7]; p as FOUR_DOF_PARAMETERS; (5.1)-(5.21)."""
     l2, k10, dx, dy = p[0], p[1], p[2], p[3]
@@ -162,21 +162,21 @@ def four_dof_terms(q, qd, p, M, C, G):
 # never finds a loop that takes its kernel as an argument in its cache, and a guvectorize from the cache crashes.
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def planar_rows(q, qd, p, M, C, G):
     """Call `planar_terms` for every row."""
     for i in range(q.shape[0]):
         planar_terms(q[i], qd[i], p, M[i], C[i], G[i])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def xy_stage_rows(q, qd, p, M, C, G):
     """Call `xy_stage_terms` for every row."""
     for i in range(q.shape[0]):
         xy_stage_terms(q[i], qd[i], p, M[i], C[i], G[i])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def four_dof_rows(q, qd, p, M, C, G):
     """Call `four_dof_terms` for every row."""
     for i in range(q.shape[0]):

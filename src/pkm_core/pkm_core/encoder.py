@@ -5,7 +5,7 @@ import math
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def encoder_count(position, resolution, signal_period, subdivision_error, noise):
     """
     Return the count (a whole float) read at `position` [m], which includes the offset of the reference mark.

@@ -4,12 +4,14 @@ Flexible modes of one joint: the identified high-frequency dynamics H_i of (7.20
 H_i stands in series with the rigid machine: the scale moves by y = r + SUM eta_m, the rigid joint position r plus the
 deflections of the modes. Partial fractions of (7.20) make the modes independent of each other,
 
-    H_i = 1 + SUM_m (alpha_m s^2 + beta_m s) / (s^2 + 2 z_m w_m s + w_m^2),    eta'' + 2 z w eta' + w^2 eta = alpha r'' + beta r',
+    H_i = 1 + SUM_m (alpha_m s^2 + beta_m s) / (s^2 + 2 z_m w_m s + w_m^2),
+    eta_m'' + 2 z_m w_m eta_m' + w_m^2 eta_m = alpha_m r'' + beta_m r',
 
-each excited by the motion of its joint. H_i(0) = 1: settled positions are those of the rigid machine. What this means: a
-mode pushes back on nothing. The force equilibrium stays that of the rigid machine, whose mass is the identified, total one;
-the energy of the modes is not in its balance; right-half-plane zeros (planar d3) are representable; modes of different
-joints do not couple.
+each excited by the motion of its joint. H_i(0) = 1: settled positions are those of the rigid machine.
+
+What this means: a mode pushes back on nothing. The force equilibrium stays that of the rigid machine, whose mass is the
+identified, total one; the energy of the modes is not in its balance; right-half-plane zeros (planar d3) are
+representable; modes of different joints do not couple.
 """
 
 import numpy as np
@@ -38,7 +40,7 @@ def mode_steps(modes, substep, stretch=1.0):
     resonances = [_factor(mode.resonance * stretch, mode.resonance_damping) for mode in modes]
     antiresonances = [_factor(mode.antiresonance * stretch, mode.antiresonance_damping) for mode in modes]
     gain = np.prod([r[2] / a[2] for r, a in zip(resonances, antiresonances, strict=True)])
-    numerator = np.polysub(gain * _product(antiresonances), _product(resonances))[:-1]  # (H - 1) D / s: the constant is 0
+    numerator = np.polysub(gain * _product(antiresonances), _product(resonances))[:-1]  # of (H - 1) / s
     steps = np.zeros((len(modes), STEP_SIZE))
     for m, resonance in enumerate(resonances):
         pole = np.roots(resonance)[0]
@@ -64,7 +66,7 @@ def _product(factors):
     return product
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def blend_steps(table, place, steps):
     """Fill `steps` with `table` (points, ...) at `place` in 0..1, linear between its points."""
     x = min(max(place, 0.0), 1.0) * (table.shape[0] - 1)
@@ -75,7 +77,7 @@ def blend_steps(table, place, steps):
             steps[m, k] = (1.0 - share) * table[below, m, k] + share * table[below + 1, m, k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def mode_step(deflection, rate, a, speed, acceleration):
     """Return (deflection [m], rate [m/s]) of a mode after a substep `a`, from the joint's `speed` at its start."""
     return (

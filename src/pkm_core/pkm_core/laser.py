@@ -1,8 +1,8 @@
 """
-Laser measurement of the end point, independent of the encoders: own clock of 0.8 ms, own resolution of 0.91 um, own noise.
+Laser measurement of the end point, independent of the encoders: own clock, own resolution, own noise.
 
-Both figures are implied by the thesis's Tables 7.3 and 8.3 (settling times in steps of 0.8 ms, errors in steps of 0.91 um).
-It sees what the encoders cannot: link errors, offsets of the reference marks, the bend of the belts.
+The thesis's Tables 7.3 and 8.3 imply 0.8 ms and 0.91 um: settling times and errors come in these steps. It sees what
+the encoders cannot: link errors, offsets of the reference marks, the bend of the belts.
 """
 
 import math

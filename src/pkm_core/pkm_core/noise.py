@@ -1,15 +1,16 @@
 """
-What does not repeat: every draw of the simulated machine as a pure function of (seed, what, cycle, place in the cycle).
+What does not repeat: every draw of the simulated machine, a pure function of (seed, what, cycle, place in the cycle).
 
-Counter-based generators make it so: nothing depends on how long other cycles were, how many there were, or on wall time.
+Counter-based generators make it so: nothing depends on how long other cycles were, how many there were, or wall time.
 """
 
 import numpy as np
 
 from pkm_core.plant_arrays import AMPLIFIER, ENCODER, FLOOR
 
-_ASSEMBLY, _CYCLE, _ENCODER, _AMPLIFIER, _FLOOR, _LASER = range(6)  # new streams go at the end: old seeds keep their bits
+_ASSEMBLY, _CYCLE, _ENCODER, _AMPLIFIER, _FLOOR, _LASER = range(6)  # new ones at the end keep old bits
 _BLOCK = 1024  # ticks drawn at once
+_RUN = 32  # of them share the coarse part of the floor's phases
 _TONES = 24  # of the floor vibration, in each direction
 
 
@@ -33,9 +34,6 @@ class CycleNoise:
 
     Attributes
     ----------
-    block : ndarray, shape (3, ticks, n)
-        The present block, rows plant_arrays.ENCODER [counts], AMPLIFIER [V], FLOOR [m/s^2]: the floor's acceleration
-        along each guide.
     friction, gain : ndarray, shape (n,)
         Factors of this cycle on Coulomb friction and thrust.
 
@@ -56,27 +54,38 @@ class CycleNoise:
         self.friction = 1.0 + levels.friction_jitter * draw.uniform(-1.0, 1.0, n)
         self.gain = 1.0 + levels.gain_jitter * draw.standard_normal(n)
         tones = _generator(self._seed, _FLOOR, cycle)
-        self._rates = 2.0 * np.pi * tones.uniform(*self._band, (_TONES, 2))
-        self._phases = tones.uniform(0.0, 2.0 * np.pi, (_TONES, 2))
+        self._rates = 2.0 * np.pi * tones.uniform(*self._band, (_TONES, 2)).T.copy()
+        self._phases = tones.uniform(0.0, 2.0 * np.pi, (_TONES, 2)).T.copy()
         self._cycle = cycle
         self._fill(0)
 
-    def row(self, index):
-        """Return the row of the block that belongs to tick `index` of the cycle; draws its block if it is another."""
+    def at(self, index):
+        """
+        Return (block, row): the disturbances of tick `index` of the cycle are block[:, row].
+
+        A block has the shape (3, ticks, n), rows plant_arrays.ENCODER [counts], AMPLIFIER [V] and FLOOR [m/s^2], the
+        floor's acceleration along each guide.
+        """
         number, row = divmod(index, _BLOCK)
         if number != self._number:
             self._fill(number)
-        return row
+        return self._block, row
 
     def _fill(self, number):
-        n = len(self._directions)
-        levels, key = self._levels, (self._cycle, number)
+        levels, shape = self._levels, (_BLOCK, len(self._directions))
+        encoder, amplifier = (_generator(self._seed, which, self._cycle, number) for which in (_ENCODER, _AMPLIFIER))
         self._number = number
-        self.block = np.zeros((3, _BLOCK, n))
-        self.block[ENCODER] = levels.encoder_noise * _generator(self._seed, _ENCODER, *key).uniform(-1.0, 1.0, (_BLOCK, n))
-        self.block[AMPLIFIER] = levels.amplifier_noise * _generator(self._seed, _AMPLIFIER, *key).standard_normal((_BLOCK, n))
+        self._block = np.zeros((3, *shape))
+        self._block[ENCODER] = levels.encoder_noise * encoder.uniform(-1.0, 1.0, shape)
+        self._block[AMPLIFIER] = levels.amplifier_noise * amplifier.standard_normal(shape)
         if levels.floor_vibration > 0.0:
-            time = self._sample_time * (number * _BLOCK + np.arange(_BLOCK))
-            tones = np.cos(time[:, np.newaxis, np.newaxis] * self._rates + self._phases)
-            along = levels.floor_vibration * np.sqrt(2.0 / _TONES) * tones.sum(axis=1)
-            self.block[FLOOR] = along[:, self._directions]
+            along = levels.floor_vibration * np.sqrt(2.0 / _TONES) * self._tones(number * _BLOCK)
+            self._block[FLOOR] = along[:, self._directions]
+
+    def _tones(self, first):
+        """Return the sum of the tones (_BLOCK, 2) from tick `first` on; cos(a + b) from the few cosines of a and b."""
+        ticks = np.arange(_BLOCK).reshape(-1, _RUN, 1, 1)
+        a = self._sample_time * (first + ticks[:, 0]) * self._rates + self._phases
+        b = self._sample_time * ticks[0] * self._rates
+        products = [np.einsum('adt,bdt->abd', part(a), part(b)) for part in (np.cos, np.sin)]
+        return (products[0] - products[1]).reshape(_BLOCK, 2)

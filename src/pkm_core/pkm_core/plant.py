@@ -1,13 +1,14 @@
 """
 The whole physical machine, one servo tick at a time: volts in, encoder counts out.
 
-Signal path: DAC and saturation -> one whole sample of computation delay and zero-order hold -> current loop -> thrust ->
-coupled rigid dynamics with gravity, friction and stops -> flexible modes -> encoder. The parts are in drive.py,
-dynamics.py (belts.py), friction.py, stops.py, flexible.py and encoder.py; plant_tick.py composes them.
+Signal path: DAC and saturation -> one whole sample of computation delay and zero-order hold -> current loop -> thrust
+-> coupled rigid dynamics with gravity (on links 10, 12 and the end-effector), friction and stops -> flexible modes ->
+encoder. The parts are in drive.py, dynamics.py (belts.py), friction.py, stops.py, flexible.py and encoder.py;
+plant_tick.py composes them.
 
 The identified gains K_i and viscosities a_i of (7.34), (8.4) come out by an extra mass on each carriage,
-K_i = thrust_per_volt / (M_ii(home) + extra_i), and b_i = a_i (M_ii(home) + extra_i): M_ii holds for one axis moving while
-the others are held. The extra mass stands for what Table 6.1 does not list; it is unexplained (theory notes 6.4).
+K_i = thrust_per_volt / (M_ii(home) + extra_i), and b_i = a_i (M_ii(home) + extra_i): M_ii is what one axis moves while
+the others are held. The extra mass stands for what Table 6.1 does not list; the thesis does not explain it.
 """
 
 import copy
@@ -24,7 +25,7 @@ from pkm_core.noise import CycleNoise
 from pkm_core.plant_arrays import QD, REFUSED, Q
 from pkm_core.plant_build import build
 from pkm_core.plant_tick import advance
-from pkm_core.truth import load_truth
+from pkm_core.truth import Drive, load_truth
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class PlantTruth:
         On the carriages, friction against the motion [N]; means of the last substep.
     assembly : Assembly
         The specimen.
+    drive : truth.Drive
+        What amplifiers and motors are.
 
     """
 
@@ -61,7 +64,7 @@ class PlantTruth:
     thrust: np.ndarray
     friction: np.ndarray
     assembly: Assembly
-    pitch: float
+    drive: Drive
 
     @cached_property
     def pose(self):
@@ -71,7 +74,7 @@ class PlantTruth:
     @property
     def phase_currents(self):
         """The three phase currents (3, n) [A]."""
-        return phase_currents(self.current, self.rigid_q, self.pitch)
+        return phase_currents(self.current, self.rigid_q, self.drive.pitch)
 
 
 class Plant:
@@ -87,7 +90,8 @@ class Plant:
     seed : int
         Same seed, same bits: of the specimen and of every disturbance.
     environment : str
-        A section of that file, e.g. 'ideal', 'nominal', 'hard'.
+        A section of that file: 'ideal', 'nominal', 'hard', and for four_dof 'elastic', which is 'nominal' with belts
+        that give and modes that depend on position.
 
     """
 
@@ -96,7 +100,7 @@ class Plant:
             raise PkmError(f'plant: seed {seed!r} given; expected a whole number from 0')
         self.machine = machine
         truth, levels = load_truth(machine, environment)
-        self._pitch = truth.drive.pitch
+        self._drive = truth.drive
         self._assembly = assemble(machine, truth, levels, seed)
         self._built = build(machine, truth, levels, self._assembly)
         self._substeps = round(machine.sample_time / truth.substep)
@@ -175,15 +179,16 @@ class Plant:
             thrust=axes['thrust'].copy(),
             friction=axes['friction'].copy(),
             assembly=self._assembly,
-            pitch=self._pitch,
+            drive=self._drive,
         )
 
     def _advance(self, volts, shorted):
         volts = np.ascontiguousarray(volts, dtype=np.float64)
         if volts.shape != self._no_volts.shape:
-            raise PkmError(f'plant {self.machine.name}: volts of shape {volts.shape} given; expected {self._no_volts.shape}')
-        row = self._noise.row(self._index)
-        event = advance(*self._arguments, volts, self._noise.block, row, self._substeps, shorted)
+            expected = self._no_volts.shape
+            raise PkmError(f'plant {self.machine.name}: volts of shape {volts.shape} given; expected {expected}')
+        noise, row = self._noise.at(self._index)
+        event = advance(*self._arguments, volts, noise, row, self._substeps, shorted)
         if event == REFUSED:
             given = dict(zip(self.machine.joints, volts.tolist(), strict=True))
             raise PkmError(f'plant {self.machine.name}: volts {given} V given; expected finite values')
@@ -194,13 +199,13 @@ class Plant:
         return self._arrays.counts.copy()
 
     def _describe(self, contact):
-        below, above, _ = self._arrays.contacts[contact]
-        joints, q = self.machine.joints, self._arrays.motion[Q] * 1e3
+        """Return what the row `contact` of the contacts means, with the places of this moment."""
+        below, above = self._arrays.contacts[contact, :2].astype(int)
+        joints, limits, q = self.machine.joints, self.machine.limits, self._arrays.motion[Q] * 1e3
         when = f'{self._ticks * self.machine.sample_time * 1e3:.1f} ms'
         if below >= 0 and above >= 0:
-            low, high = joints[int(below)], joints[int(above)]
-            return f'{when}: carriages {low} at {q[int(below)]:.2f} mm and {high} at {q[int(above)]:.2f} mm collided (2.4)'
-        joint = int(max(below, above))
-        lower, upper = self.machine.limits.lower[joint] * 1e3, self.machine.limits.upper[joint] * 1e3
-        end = 'lower' if above >= 0 else 'upper'
-        return f'{when}: {joints[joint]} ran into its {end} stop at {q[joint]:.2f} mm; travel is {lower:.2f} to {upper:.2f} mm'
+            pair = f'{joints[below]} at {q[below]:.2f} mm and {joints[above]} at {q[above]:.2f} mm'
+            return f'{when}: carriages {pair} collided (2.4)'
+        joint, end = (above, 'lower') if above >= 0 else (below, 'upper')
+        travel = f'{limits.lower[joint] * 1e3:.2f} to {limits.upper[joint] * 1e3:.2f} mm'
+        return f'{when}: {joints[joint]} ran into its {end} stop at {q[joint]:.2f} mm; travel is {travel}'

@@ -1,5 +1,5 @@
 """
-The arrays the compiled tick runs on. All numbers are float64; a structured array has a field per quantity, a row a joint.
+The arrays the compiled tick runs on: all float64; a structured array has a field per quantity and a row per joint.
 
 n joints, m >= n coordinates of the rigid machine: the joints [m], then the belt rotations [rad] if there are any.
 """
@@ -15,6 +15,7 @@ ENCODER, AMPLIFIER, FLOOR = range(3)  # of the noise (3, ticks, n): counts, V, m
 
 
 def _fields(**fields):
+    """Return the structure with these float64 fields; what is said of them is for the reader."""
     return np.dtype([(name, np.float64) for name in fields])
 
 

@@ -21,7 +21,9 @@ def build(machine, truth, levels, assembly):
     """
     n = len(machine.joints)
     m = n + (2 if levels.belts else 0)
-    mechanism = MECHANISMS.index(machine.config.mechanism + ('_belts' if levels.belts else ''))
+    mechanism = machine.config.mechanism + ('_belts' if levels.belts else '')
+    if mechanism not in MECHANISMS:
+        raise ConfigError(f'truth of {machine.name}: belts is true; a {machine.config.mechanism} has none')
     rigid = _rigid(machine, truth, levels, assembly.payload)
     common = _common(machine, truth, levels)
     parameters = _axis_parameters(machine, truth, levels, assembly, common[0])
@@ -29,7 +31,7 @@ def build(machine, truth, levels, assembly):
     scratch = np.zeros((m + 5, m))
     motion = np.zeros((3, m))
     motion[Q, :n] = machine.home - assembly.encoder_offset
-    gravity = _settle_belts(motion[Q], n, mechanism, rigid, scratch, truth.belts)
+    gravity = _settle_belts(motion[Q], n, MECHANISMS.index(mechanism), rigid, scratch, truth.belts)
     axes = np.zeros(n, AXIS_STATE)
     axes['position'] = motion[Q, :n]
     no_current = [
@@ -43,7 +45,7 @@ def build(machine, truth, levels, assembly):
         axes=axes,
         modes=np.zeros((n, mode_table.shape[2], 2)),
         counts=np.round(machine.home / machine.encoder_resolution).astype(np.int64),
-        mechanism=mechanism,
+        mechanism=MECHANISMS.index(mechanism),
         rigid=rigid,
         parameters=parameters,
         common=common,
@@ -54,27 +56,34 @@ def build(machine, truth, levels, assembly):
     )
 
 
-def _common(machine, truth, levels):
-    drive, friction, h = truth.drive, truth.friction, truth.substep
-    nominal = machine.config.drive
+def drive_times(drive, substep):
+    """Return the time constants of a truth.Drive and their decays over `substep` [s], COMMON_PARAMETERS by name."""
     lag = 1.0 / (2.0 * math.pi * drive.bandwidth)
     winding = drive.inductance / drive.resistance
+    return {
+        'substep': substep,
+        'current_lag': lag,
+        'current_delay': drive.delay,
+        'decay_delay': math.exp(-drive.delay / lag),
+        'decay_rest': math.exp(-(substep - drive.delay) / lag),
+        'decay': math.exp(-substep / lag),
+        'winding': winding,
+        'decay_winding': math.exp(-substep / winding),
+    }
+
+
+def _common(machine, truth, levels):
+    drive, friction = truth.drive, truth.friction
+    nominal = machine.config.drive
     brake = shorted_damping(machine.thrust_per_volt / nominal.amplifier_gain, drive.resistance)
     values = {
-        'substep': h,
+        **drive_times(drive, truth.substep),
         'voltage_limit': machine.voltage_limit,
         'dac_step': 2.0 * machine.voltage_limit / 2**drive.dac_bits,
         'ampere_per_volt': nominal.amplifier_gain,
         'continuous_current': drive.continuous_current,
         'peak_current': nominal.peak_current,
         'heat_share': machine.sample_time / drive.thermal_time,
-        'current_lag': lag,
-        'current_delay': drive.delay,
-        'decay_delay': math.exp(-drive.delay / lag),
-        'decay_rest': math.exp(-(h - drive.delay) / lag),
-        'decay': math.exp(-h / lag),
-        'winding': winding,
-        'decay_winding': math.exp(-h / winding),
         'emf_damping': brake if levels.back_emf else 0.0,
         'brake_damping': brake,
         'ripple': levels.ripple,
@@ -125,7 +134,8 @@ def _rigid(machine, truth, levels, payload):
     values = np.array(machine.dynamic_parameters(), dtype=float)
     for name in truth.payload.carried_by:
         if name not in machine.parameters:
-            raise ConfigError(f'truth of {machine.name}: payload.carried_by: {name!r}; known: {list(machine.parameters)}')
+            known = list(machine.parameters)
+            raise ConfigError(f'truth of {machine.name}: payload.carried_by: {name!r} is unknown; known: {known}')
         values[machine.parameters.index(name)] += payload
     return np.append(values, [truth.belts.stiffness, truth.belts.damping]) if levels.belts else values
 
@@ -148,7 +158,7 @@ def _mode_table(machine, truth, levels):
     for i, axis in enumerate(axes if count else ()):
         lower, upper, home = machine.limits.lower[i], machine.limits.upper[i], machine.home[i]
         for k, place in enumerate(np.linspace(lower, upper, points) if points > 1 else [home]):
-            stretch = 1.0 + levels.mode_shift * (place - home) / (upper - home)
+            stretch = 1.0 + levels.mode_shift * (place - home) / max(upper - home, home - lower)
             table[i, k, : len(axis.modes)] = mode_steps(axis.modes, truth.substep, stretch)
     return table
 

@@ -4,7 +4,8 @@ The compiled servo tick of the plant: volts in, one sample time of physics, coun
 Between the readings k and k+1 the drive applies the voltage that answered reading k-1 (one whole sample of
 computation), held, quantised, saturated. Each substep takes the exact mean of the current, evaluates the rigid machine
 at the middle of the substep and holds its acceleration (second order, no numerical damping); viscous friction follows
-the trapezoid rule, modes and windings their exact solutions.
+the trapezoid rule, modes and windings their exact solutions. Kernels divide as numpy does (`error_model`): a check at
+every division would cost a fifth of the tick, and what could be zero is refused with the configuration.
 """
 
 import math
@@ -21,7 +22,7 @@ from pkm_core.plant_arrays import AMPLIFIER, ENCODER, FLOOR, QD, QDD, REFUSED, Q
 from pkm_core.stops import contact_force
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def rigid_terms(mechanism, q, qd, p, M, C, G):
     """Fill M, C, G of the mechanism with this index in plant_arrays.MECHANISMS."""
     if mechanism == 0:
@@ -34,30 +35,27 @@ def rigid_terms(mechanism, q, qd, p, M, C, G):
         four_dof_belt_terms(q, qd, p, M, C, G)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def solve(M, b):
-    """Overwrite `b` with the solution of M x = b; M, symmetric positive definite, becomes its Cholesky factor."""
+    """Overwrite `b` with the solution of M x = b; M is symmetric positive definite, its lower half is read and spent."""
     m = b.shape[0]
-    for i in range(m):
-        for j in range(i):
-            total = M[i, j]
-            for k in range(j):
-                total -= M[i, k] * M[j, k]
-            M[i, j] = total / M[j, j]
-            b[i] -= M[i, j] * b[j]
-        total = M[i, i]
-        for k in range(i):
-            total -= M[i, k] * M[i, k]
-        M[i, i] = math.sqrt(total)
-        b[i] /= M[i, i]
-    for i in range(m - 1, -1, -1):
-        for k in range(i + 1, m):
-            b[i] -= M[k, i] * b[k]
-        b[i] /= M[i, i]
+    for k in range(m):
+        per_pivot = 1.0 / M[k, k]
+        for i in range(k + 1, m):
+            factor = M[i, k] * per_pivot
+            for j in range(k + 1, i + 1):
+                M[i, j] -= factor * M[j, k]
+            b[i] -= factor * b[k]
+        M[k, k] = per_pivot
+    for k in range(m - 1, -1, -1):
+        for i in range(k + 1, m):
+            b[k] -= M[i, k] * b[i]
+        b[k] *= M[k, k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _take_command(axis, common, volts, noise, shorted):
+    """Apply the command of the last tick, keep `volts` for the next."""
     applied = axis.command
     axis.command = dac_output(volts, common.voltage_limit, common.dac_step)
     axis.before = axis.demand
@@ -66,8 +64,8 @@ def _take_command(axis, common, volts, noise, shorted):
     axis.demand = 0.0 if shorted else limited
 
 
-@njit(cache=True)
-def _mean_current(axis, common, first, shorted):
+@njit(cache=True, error_model='numpy')
+def mean_current(axis, common, first, shorted):
     """Return the mean amplitude [A] over a substep; in the first of a tick the last demand still runs for the delay."""
     h, lag = common.substep, common.current_lag
     if shorted:
@@ -82,10 +80,10 @@ def _mean_current(axis, common, first, shorted):
     return (early + late) / h
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _axis_force(axis, parameters, common, position, speed, first, shorted):
     """Return thrust less friction [N] over a substep with this position and speed in its middle."""
-    current = _mean_current(axis, common, first, shorted)
+    current = mean_current(axis, common, first, shorted)
     axis.short_force, axis.loop_force, emf = emf_step(
         axis.short_force,
         axis.loop_force,
@@ -115,7 +113,7 @@ def _axis_force(axis, parameters, common, position, speed, first, shorted):
     return axis.thrust - axis.friction
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _add_contacts(contacts, common, q, qd, force):
     """Add the contact forces to `force`; return the event of a contact that touches, or 0."""
     event = 0
@@ -139,13 +137,14 @@ def _add_contacts(contacts, common, q, qd, force):
     return event
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _bend(modes, steps, speed, acceleration):
+    """Advance the modes of one joint in place."""
     for m in range(modes.shape[0]):
         modes[m, 0], modes[m, 1] = mode_step(modes[m, 0], modes[m, 1], steps[m], speed, acceleration)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _read(axis, parameters, common, q, qd, modes, noise):
     """Return the count the encoder gives now."""
     axis.position, axis.speed = q, qd
@@ -156,7 +155,7 @@ def _read(axis, parameters, common, q, qd, modes, noise):
     return int(encoder_count(seen, common.resolution, common.signal_period, common.subdivision_error, noise))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def advance(
     motion,
     axes,
@@ -230,7 +229,8 @@ def advance(
         event = touched if event == 0 else event
         solve(M, force)  # now the acceleration
         for i in range(n):
-            force[i] -= noise[FLOOR, row, i]  # scale and carriage stand on the same floor: M (qdd + floor) = F
+            # scale and carriages share a floor: M (qdd + floor) = F, exact where a guide's joints carry all that moves
+            force[i] -= noise[FLOOR, row, i]
             _bend(modes[i], steps[i], motion[QD, i], force[i])
         for i in range(m):
             motion[QDD, i] = force[i]

@@ -3,7 +3,7 @@
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def contact_force(depth, rate, stiffness, damping):
     """
     Return the force [N] that pushes two bodies apart at a penetration `depth` [m] growing at `rate` [m/s].

@@ -3,7 +3,8 @@ The truth of a simulated machine: strict models of config/truth/NAME.yaml and th
 
 Only the plant and the files it is made of may import this module; controllers, learning and identification hold their
 own model (config/model). A file has two layers: what the machine is (axes, drive, friction, ...) and, by name, the
-environments it can stand in (`ideal`, `nominal`, `hard`, ...), which say how strongly each imperfection acts.
+environments it can stand in, which say how strongly each imperfection acts: `ideal`, `nominal`, `hard`, and for the
+4-DOF manipulator `elastic`, which is `nominal` with belts that give and modes that depend on position.
 """
 
 from typing import Annotated, Literal
@@ -47,6 +48,13 @@ class Axis(Config):
     viscosity_error: Annotated[Number, Field(gt=-1.0, lt=1.0)]
     direction: Literal['x', 'y']  # along which its guide lies
     modes: tuple[Mode, ...]
+
+    @model_validator(mode='after')
+    def _resonances_differ(self):
+        frequencies = [mode.resonance for mode in self.modes]
+        if len(set(frequencies)) < len(frequencies):
+            raise ValueError(f'modes: resonances {frequencies} Hz; all of a joint must differ')
+        return self
 
 
 class Drive(Config):
@@ -109,7 +117,7 @@ class Environment(Config):
 
     model_error: bool  # gain_error and viscosity_error of the axes
     modes: bool
-    mode_shift: Annotated[Number, Field(gt=-0.3, lt=0.3)]  # of all frequencies, from home to the upper end of travel
+    mode_shift: Annotated[Number, Field(gt=-0.3, lt=0.3)]  # of all frequencies, from home to the farther end of travel
     belts: bool
     back_emf: bool
     friction: Annotated[Force, Field(ge=0.0)]  # Coulomb
@@ -154,6 +162,9 @@ class Truth(Config):
         for name, environment in self.environments.items():
             if environment.belts and self.belts is None:
                 raise ValueError(f'environments.{name}: belts is true but the machine has no section belts')
+        lower, upper = self.vibration_band
+        if not 0.0 <= lower < upper:
+            raise ValueError(f'vibration_band: {lower:g} to {upper:g} Hz given; allowed 0 <= lower < upper')
         return self
 
 
@@ -172,8 +183,11 @@ def load_truth(machine, environment):
     if tuple(truth.axes) != tuple(machine.joints):
         raise ConfigError(f'{path}: axes {list(truth.axes)} given; the machine has the joints {list(machine.joints)}')
     steps = machine.sample_time / truth.substep
-    if abs(steps - round(steps)) > 1e-9 * steps:
-        raise ConfigError(f'{path}: substep {truth.substep:g} s does not divide the {machine.sample_time:g} s of a tick')
+    if abs(steps - round(steps)) > 1e-9 * steps or round(steps) < 1:
+        raise ConfigError(f'{path}: substep {truth.substep:g} s does not divide the tick of {machine.sample_time:g} s')
+    if truth.laser.sample_time < machine.sample_time:  # it is asked for its sample once a tick
+        given = f'laser.sample_time {truth.laser.sample_time:g} s'
+        raise ConfigError(f'{path}: {given} is below the tick of {machine.sample_time:g} s')
     if environment not in truth.environments:
         raise ConfigError(f'{path}: environment {environment!r} is unknown; known: {sorted(truth.environments)}')
     return truth, truth.environments[environment]

@@ -1,11 +1,12 @@
 """What every node of the cell shares: its namespace, checked parameters, quality of service, and how it is run."""
 
+import signal
 import sys
 from contextlib import suppress
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NotInitializedException, ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -71,13 +72,17 @@ def run(make_nodes, args=None):
 
     A configuration or parameter that is refused ends the process with one line and code 1.
     """
+    # rclpy's handler ends the executor between two callbacks; a KeyboardInterrupt would end one in its midst, and the
+    # recorder's bag would be broken
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     rclpy.init(args=args)
     nodes = []
     try:
         nodes += make_nodes()
         spin(nodes)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+    except (ExternalShutdownException, RCLError, NotInitializedException):
+        if rclpy.ok():
+            raise
     except (PkmError, ParameterException) as error:
         print(error, file=sys.stderr)
         return 1

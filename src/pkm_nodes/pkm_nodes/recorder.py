@@ -173,6 +173,8 @@ class RecorderNode(PkmNode):
             cycles = [cycle for cycle in self._cycles.values() if cycle.holds(tick)]
             if cycles:
                 self._put(cycles[-1], topic, data, tick)
+            else:
+                self.get_logger().warn(f'{topic}: the state of tick {tick} is of no open cycle; not recorded')
 
     def _on_trajectory(self, topic, data):
         trajectory = deserialize_message(data, SampledTrajectoryMessage)

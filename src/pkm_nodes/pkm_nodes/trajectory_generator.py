@@ -184,6 +184,11 @@ class TrajectoryGeneratorNode(PkmNode):
     def _seconds(self):
         return self._wall.now().nanoseconds * 1e-9
 
+    def destroy_node(self):
+        """Destroy the action server too; a node does not do so by itself."""
+        self._server.destroy()
+        super().destroy_node()
+
 
 def make_nodes():
     """Return this process's node."""
