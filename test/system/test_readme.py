@@ -33,7 +33,7 @@ def rows(text):
     """Return [axis, cycle, figures...] of the rows of a printed table."""
     table, axis = [], ''
     for line in text.splitlines():
-        cells = [cell.strip() for cell in line.strip('│ ').split('│')]
+        cells = [cell.strip() for cell in line.strip('│').split('│')]
         if len(cells) >= 6 and (cells[0] == '' or re.fullmatch(r'd\d', cells[0])) and line.startswith('│'):
             axis = cells[0] or axis
             table.append([axis, *map(float, cells[1:6])])

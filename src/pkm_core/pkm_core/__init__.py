@@ -9,8 +9,8 @@ def _kernel_cache():
     """
     Return the folder of numba's cache for the kernels as they stand.
 
-    numba stamps a compiled function with its own source file only, so one that calls a kernel of another file would keep
-    the old kernel after an edit there. A folder named after the text of all kernels cannot be stale.
+    numba stamps a compiled function with its own source file only, so one that calls a kernel of another file would
+    keep the old kernel after an edit there. A folder named after the text of all kernels cannot be stale.
     """
     folder = Path(__file__).resolve().parent
     sources = (path.read_bytes() for path in sorted(folder.rglob('*.py')))

@@ -1,7 +1,7 @@
 """
 Motion cycles as rosbag2 folders: one MCAP file and a metadata.yaml each, written and read without ROS.
 
-Chunks are 64 KiB, so a recorder that is killed loses little; messages are stamped with the simulated time of their tick.
+Chunks are 64 KiB, so a recorder that is killed loses little. Messages carry the simulated time of their tick.
 """
 
 from collections import Counter

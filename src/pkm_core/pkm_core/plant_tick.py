@@ -37,7 +37,7 @@ def rigid_terms(mechanism, q, qd, p, M, C, G):
 
 @njit(cache=True, error_model='numpy')
 def solve(M, b):
-    """Overwrite `b` with the solution of M x = b; M is symmetric positive definite, its lower half is read and spent."""
+    """Overwrite `b` with the solution of M x = b; M is symmetric positive definite, its lower half is spent."""
     m = b.shape[0]
     for k in range(m):
         per_pivot = 1.0 / M[k, k]

@@ -38,37 +38,39 @@ def messages(records):
 
 def cycles_table(machine_name, records):
     """Return the table of first against last cycle, each beside what the thesis reports for its machine."""
-    table = Table(title=f'{records[0].motion}, learning law {records[-1].learning_law}', title_justify='left')
-    headings = (
-        *('axis', 'cycle', 'max dynamic\nerror [um]', 'settling to\n5 um [ms]', 'to 1 um\n[ms]', 'steady\nstate [um]'),
-        'thesis: error [um],\nsettling [ms]',
-    )
-    for heading in headings:
-        table.add_column(escape(heading), justify='left' if heading == 'axis' else 'right')
+    heading = f'{records[0].motion}, learning law {records[-1].learning_law}:'
+    explanation = 'largest dynamic error, settling time to a band, mean error at rest'
+    table = Table(title=f'{heading}\n{explanation}', title_justify='left')
+    headings = ('axis', 'cycle', 'error\n[um]', '5 um\n[ms]', '1 um\n[ms]', 'rest\n[um]')
+    for heading in (*headings, 'thesis', 'error\n[um]', '5 um\n[ms]'):
+        table.add_column(escape(heading), justify='left' if heading in ('axis', 'thesis') else 'right')
     reported = REPORTED.get(machine_name, {})
     first, last = cycle_figures(records[0]), cycle_figures(records[-1])
     for joint in records[0].joints:
         thesis = reported.get(joint)
         rows = (
-            (records[0], first[joint], 'robust', thesis and (thesis.robust_error, thesis.robust_settling)),
-            (records[-1], last[joint], 'learned', thesis and (thesis.learned_error, thesis.learned_settling)),
+            (records[0], first[joint], thesis and ('robust', thesis.robust_error, thesis.robust_settling)),
+            (records[-1], last[joint], thesis and ('learned', thesis.learned_error, thesis.learned_settling)),
         )
-        for record, figures, control, theirs in rows[: len(records)]:
+        for record, figures, theirs in rows[: len(records)]:
+            kind, error, settling = theirs or ('', None, None)
             table.add_row(
                 joint if record is records[0] else '',
                 str(record.cycle),
                 f'{figures["max_dynamic_error_um"]:.1f}',
-                _or_never(figures['settling_5um_ms']),
-                _or_never(figures['settling_1um_ms']),
+                _or(figures['settling_5um_ms'], 'never'),
+                _or(figures['settling_1um_ms'], 'never'),
                 f'{figures["steady_state_error_um"]:.2f}',
-                f'{control} {theirs[0]:5.1f}, {"lost" if theirs[1] is None else theirs[1]:>4}' if theirs else '',
+                kind,
+                _or(error, ''),
+                _or(settling, 'lost' if theirs else ''),
                 end_section=record is records[-1],
             )
     return table
 
 
-def _or_never(value):
-    return 'never' if value is None else f'{value:.1f}'
+def _or(value, otherwise):
+    return otherwise if value is None else f'{value:.1f}'
 
 
 def plot_cycles(records, path):
