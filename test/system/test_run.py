@@ -111,7 +111,7 @@ def test_learning_lowers_the_error_of_every_axis(runs):
 
 def test_table_and_picture_are_there(runs):
     folder, printed = runs['composed']
-    assert 'max dynamic' in printed
+    assert 'largest dynamic error' in printed
     assert '0 lost' in printed
     assert all(joint in printed for joint in JOINTS)
     assert (folder / 'learning.png').read_bytes().startswith(b'\x89PNG')

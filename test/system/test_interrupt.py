@@ -1,0 +1,37 @@
+"""What a Ctrl-C in the middle of a motion leaves behind."""
+
+import signal
+from time import sleep
+
+import pytest
+
+from pkm_core.bags import read_topics
+from pkm_core.errors import PkmError
+from pkm_nodes.client import CellClient
+from pkm_nodes.processes import CellProcesses
+
+DOMAIN = 64
+
+
+def test_interrupted_cell_ends_with_code_0_and_every_bag_is_readable(tmp_path, monkeypatch):
+    # a KeyboardInterrupt used to end the recorder in the midst of a callback: with luck between two bags, else without
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    cell = CellProcesses('four_dof', 'composed', seed=1, environment='nominal', folder=tmp_path)
+    with cell, CellClient() as client:
+        client.wait_until_up(cell.check)
+        process = cell.processes['cell']
+
+        def interrupt_the_third_cycle(feedback):
+            if feedback.cycle == 2:
+                sleep(0.1)  # in the midst of the third one
+                process.send_signal(signal.SIGINT)
+                process.wait(timeout=30)
+
+        with pytest.raises(PkmError, match='cell has ended with code 0'):
+            client.execute('four_dof_70ms', 100, 'none', cell.check, interrupt_the_third_cycle)
+    assert 'Traceback' not in (tmp_path / 'log' / 'cell.log').read_text()
+    bags = sorted((tmp_path / 'bags').iterdir())
+    assert len(bags) >= 2
+    for bag in bags:
+        assert read_topics(bag, ['/pkm/d1/encoder'])['/pkm/d1/encoder']
