@@ -6,7 +6,19 @@ from setuptools import find_packages, setup
 CONFIG = sorted(glob('config/*/*.yaml'))  # config is a link to the top level's
 
 # `pkm VERB` is the function VERB of pkm_core/verbs/VERB.py
-VERBS = []
+VERBS = [
+    'bag-doctor',
+    'budget',
+    'calibrate',
+    'drive-response',
+    'margins',
+    'open-loop',
+    'report',
+    'singularity',
+    'tolerance',
+    'tune',
+    'workspace',
+]
 
 setup(
     name='pkm_core',

@@ -11,6 +11,7 @@ NODES = [
     'learning',
     'recorder',
     'cell',
+    'dashboard',
 ]
 
 setup(
@@ -22,6 +23,8 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/pkm_nodes']),
         ('share/pkm_nodes', ['package.xml']),
         ('share/pkm_nodes/launch', glob('launch/*.launch.py')),
+        ('share/pkm_nodes/urdf', glob('urdf/*.urdf')),
+        ('share/pkm_nodes/layouts', glob('layouts/*')),
     ],
     zip_safe=True,
     maintainer='PKM cell maintainers',
@@ -30,6 +33,10 @@ setup(
     entry_points={
         'console_scripts': [f'{node} = pkm_nodes.{node}:main' for node in NODES],
         # verbs that need ROS; pkm_core.cli adds every verb it finds in this group
-        'pkm.verbs': ['run = pkm_nodes.run:run'],
+        'pkm.verbs': [
+            'bag-play = pkm_nodes.bag_play:bag_play',
+            'page = pkm_nodes.page_verb:page',
+            'run = pkm_nodes.run:run',
+        ],
     },
 )

@@ -5,9 +5,9 @@ import pytest
 from scipy.signal import lfilter
 
 from pkm_core.config import find_config
-from pkm_core.control.margins import plant_system
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, feedforward_gains, load_control
+from pkm_core.control.systems import open_loop, plant_system
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 
@@ -185,3 +185,134 @@ def test_gains_for_other_joints_are_refused(tmp_path):
     path.write_text(find_config('control', 'four_dof').read_text().replace('  d7:', '  d9:'))
     with pytest.raises(ConfigError, match=r"joints are \['d1', 'd3', 'd5', 'd9'\]; four_dof has"):
         load_control(MACHINE, path)
+
+
+def moving(axis, learned=0.1):
+    """Load a sine of 1 mm at 5 Hz and return measured positions that follow it with some micrometres of error."""
+    t, w, amplitude = np.arange(400) * TS, 2 * np.pi * 5.0, 1e-3
+    sine, cosine = np.sin(w * t), np.cos(w * t)
+    derivatives = 0.08 + amplitude * sine, amplitude * w * cosine, -amplitude * w**2 * sine, -amplitude * w**3 * cosine
+    axis.load(*derivatives, learned * sine)
+    return derivatives[0] + 5e-6 * np.sin(2 * np.pi * 30 * t)
+
+
+SOFTER = GAINS.model_copy(
+    update={
+        'kp': 0.6 * GAINS.kp,
+        'ki': 0.3 * GAINS.ki,
+        'kd': 0.7 * GAINS.kd,
+        'derivative_filter': 3e-4,
+        'lag': GAINS.lag.model_copy(update={'pole': 300.0, 'zero': 500.0}),
+        'notch': GAINS.notch.model_copy(update={'centre': 300.0, 'attenuation': 12.0}),
+    }
+)
+
+
+def test_exchange_of_gains_does_not_make_the_voltage_jump():
+    changed, same = controller(), controller()
+    measured = moving(changed)
+    moving(same)
+    for index in range(200):
+        changed.update(index, measured[index])
+        voltage, error = same.update(index, measured[index])
+    changed.exchange(SOFTER)
+    held = [same._reference[index] - error for index in (200, 201)]  # the error stays what it was
+    new = [changed.update(200 + k, position)[0] for k, position in enumerate(held)]
+    old = [same.update(200 + k, position)[0] for k, position in enumerate(held)]
+    assert new[0] == pytest.approx(old[0], abs=1e-12)
+    assert abs(old[0] - voltage) > 1e-3  # it was moving
+    # in the second tick integral, derivative and feedforward go on at their own pace
+    assert new[1] == pytest.approx(old[1], abs=0.2 * abs(old[1] - old[0]) + 2e-3)
+
+
+def test_exchange_of_gains_at_rest_keeps_the_voltage_until_the_error_changes():
+    axis = controller()
+    load(axis, np.full(300, 0.08), learned=np.full(300, 0.4))
+    before, _ = run(axis, np.full(150, 0.08))
+    axis.exchange(SOFTER)
+    after = [axis.update(index, 0.08)[0] for index in range(150, 300)]
+    np.testing.assert_allclose(after, before[-1], atol=1e-12)
+
+
+def test_exchange_for_the_same_gains_changes_nothing():
+    changed, same = controller(), controller()
+    measured = moving(changed)
+    moving(same)
+    for index in range(400):
+        if index % 50 == 0:
+            changed.exchange(GAINS)
+        assert changed.update(index, measured[index]) == pytest.approx(same.update(index, measured[index]), abs=1e-10)
+
+
+def test_exchange_may_move_gain_between_pid_and_lag():
+    loud = GAINS.model_copy(
+        update={
+            **{name: getattr(GAINS, name) / 10 for name in ('kp', 'ki', 'kd')},
+            'lag': GAINS.lag.model_copy(update={'dc_gain': 10.0}),
+        }
+    )
+    changed, same = controller(), controller()
+    measured = moving(changed, learned=0.0)  # it enters in front of the lag, so its meaning would change
+    moving(same, learned=0.0)
+    for index in range(400):
+        if index == 200:
+            changed.exchange(loud)
+        assert changed.update(index, measured[index]) == pytest.approx(same.update(index, measured[index]), abs=1e-10)
+
+
+def closed_loop(axis, samples, exchange_at=None):
+    """Return the errors of `axis` closed over its own model."""
+    plant = plant_system(MODEL, TS)
+    state = np.zeros((plant.B.size, 1))
+    errors = []
+    for index in range(samples):
+        if index == exchange_at:
+            axis.exchange(SOFTER)
+        voltage, error = axis.update(index, 0.08 + float((plant.C @ state)[0, 0]))
+        state = plant.A @ state + plant.B * voltage
+        errors.append(error)
+    return np.array(errors)
+
+
+def test_exchange_in_full_motion_leaves_no_more_error_than_the_new_gains_do():
+    changed, softer = controller(), controller(SOFTER)
+    for axis in (changed, softer):
+        moving(axis)
+    own = np.abs(closed_loop(softer, 400)[200:]).max()  # 17 um; the first 200 samples are the start of the sine
+    assert np.abs(closed_loop(changed, 400, exchange_at=200)[200:]).max() < own
+
+
+def test_exchange_for_unstable_gains_is_refused_with_the_margin_and_changes_nothing():
+    changed, same = controller(), controller()
+    measured = moving(changed)
+    moving(same)
+    loud = GAINS.model_copy(update={name: 4 * getattr(GAINS, name) for name in ('kp', 'ki', 'kd')})
+    for index in range(100):
+        if index == 50:
+            with pytest.raises(PkmError, match=r'new gains: the loop is unstable: .*, gain margin -2\.7 dB'):
+                changed.exchange(loud)
+        assert changed.update(index, measured[index]) == same.update(index, measured[index])
+
+
+def test_exchange_takes_the_feedforward_with_it():
+    axis = controller()
+    measured = moving(axis)
+    run(axis, measured)
+    axis.exchange(SOFTER)
+    assert axis.gains == SOFTER
+    assert axis.feedforward_gains == feedforward_gains(SOFTER, MODEL, TS)
+
+
+def test_unstable_gains_in_a_file_are_refused_with_axis_and_margin(tmp_path):
+    path = tmp_path / 'control.yaml'
+    text = find_config('control', 'four_dof').read_text()
+    path.write_text(text.replace('kd: 0.0383610453 V s/mm', 'kd: 0.383610453 V s/mm'))
+    with pytest.raises(PkmError, match=r'control.yaml: d3: the loop is unstable: slowest pole .* gain margin -'):
+        load_control(MACHINE, path)
+
+
+def test_feedforward_is_that_of_the_loop_whatever_gain_the_lag_has():
+    loud = GAINS.model_copy(update={'lag': GAINS.lag.model_copy(update={'dc_gain': 10.0})})
+    np.testing.assert_allclose(feedforward_gains(loud, MODEL, TS), np.array(feedforward_gains(GAINS, MODEL, TS)) / 10)
+    z = np.exp(2j * np.pi * 50.0 * TS)
+    assert open_loop(loud, MODEL, TS)(z) == pytest.approx(10 * open_loop(GAINS, MODEL, TS)(z), rel=1e-9)

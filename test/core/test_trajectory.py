@@ -1,6 +1,7 @@
 """Profiles, the planning of motions, and what is refused on the way to the joints."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,20 +9,24 @@ import pytest
 from pkm_core.config import ConfigError, config_folder
 from pkm_core.errors import TrajectoryError, WorkspaceError
 from pkm_core.machines import load_machine
-from pkm_core.motions import Motion, Target, load_motion, plan, poses_motion
-from pkm_core.trajectory import PROFILES, SampledTrajectory, to_joints, unit_profile
+from pkm_core.motions import ArcTarget, Motion, Pose, Target, load_motion, plan, poses_motion
+from pkm_core.profiles import MotionLimits, limited_profile, unit_profile
+from pkm_core.trajectory import SampledTrajectory, to_joints
 
 FOUR_DOF = load_machine('four_dof')
 PLANAR = load_machine('planar')
 DEFAULT = load_motion('four_dof_70ms')
 MM = 1e-3
+SHAPES = ('p7', 's3', 's4')
+HOME = FOUR_DOF.forward(FOUR_DOF.home)
+DIAGONAL = np.array([MM, MM, 0.0, 0.0])
 
 
 def moved(by, **timing):
     return Motion(machine='four_dof', targets=(Target(by=by),), **timing)
 
 
-@pytest.mark.parametrize('name', PROFILES)
+@pytest.mark.parametrize('name', SHAPES)
 def test_profile_goes_from_rest_at_0_to_rest_at_1(name):
     position, velocity, acceleration, _ = unit_profile(name, [0.0, 1.0])
     np.testing.assert_array_equal(position, [0.0, 1.0])
@@ -29,7 +34,7 @@ def test_profile_goes_from_rest_at_0_to_rest_at_1(name):
     np.testing.assert_array_equal(acceleration, [0.0, 0.0])
 
 
-@pytest.mark.parametrize('name', PROFILES)
+@pytest.mark.parametrize('name', SHAPES)
 def test_profile_is_symmetric(name):
     s = np.linspace(0, 1, 101)
     position, velocity, acceleration, _ = unit_profile(name, s)
@@ -38,10 +43,11 @@ def test_profile_is_symmetric(name):
     np.testing.assert_allclose(acceleration, -acceleration[::-1], atol=1e-10)
 
 
-@pytest.mark.parametrize('name', PROFILES)
+@pytest.mark.parametrize('name', SHAPES)
 def test_derivatives_of_a_profile_are_its_derivatives(name):
     s = np.linspace(0.003, 0.997, 401)
-    s = s[np.abs(4 * s - np.round(4 * s)) > 1e-3]  # away from where s3 switches its jerk
+    for switch in (0.25, 0.75, *np.sin(np.pi / 8 * np.arange(1, 4)) ** 2):  # away from where s3 and s4 switch
+        s = s[np.abs(s - switch) > 1e-4]
     h = 1e-5
     before, at, after = (unit_profile(name, s + step) for step in (-h, 0, h))
     for order in range(3):
@@ -50,8 +56,16 @@ def test_derivatives_of_a_profile_are_its_derivatives(name):
         np.testing.assert_allclose(at[order + 1], slope, atol=2e-6)
 
 
-def test_p7_begins_and_ends_without_jerk():
-    np.testing.assert_array_equal(unit_profile('p7', [0.0, 1.0])[3], [0.0, 0.0])
+@pytest.mark.parametrize('name', ['p7', 's4'])
+def test_profile_of_bounded_snap_begins_and_ends_without_jerk(name):
+    np.testing.assert_array_equal(unit_profile(name, [0.0, 1.0])[3], [0.0, 0.0])
+
+
+def test_s4_switches_one_snap():
+    jerk = unit_profile('s4', np.linspace(0, 1, 2001))[3]
+    snap = np.diff(jerk) * 2000
+    assert np.abs(snap).max() == pytest.approx(384, rel=1e-9)
+    assert (np.abs(np.abs(snap) - 384) < 1e-6).sum() >= 1997  # all but the three steps with a switch inside
 
 
 def test_s3_switches_one_jerk():
@@ -131,9 +145,118 @@ def test_too_fast_a_move_is_refused_with_sample_and_numbers():
         plan(FOUR_DOF, moved({'d3': 20 * MM}, move_time=50e-3))  # peak 2.19 d/T = 0.875 m/s
 
 
+def test_move_beyond_the_thrust_is_refused_with_sample_and_numbers():
+    with pytest.raises(TrajectoryError, match=r'd\d at sample \d+ needs 1\d\d\.\d N; allowed 110\.\d+ N'):
+        plan(FOUR_DOF, moved({'d1': 5 * MM, 'd3': 5 * MM, 'd5': 5 * MM, 'd7': 5 * MM}, move_time=15e-3))
+
+
+@pytest.mark.parametrize('name', SHAPES)
+@pytest.mark.parametrize('order', [1, 2, 3, 4])
+def test_limited_move_reaches_its_limit_within_a_sample_and_keeps_it(name, order):
+    limited = ('speed', 'acceleration', 'jerk', 'snap')[order - 1]
+    limits = MotionLimits(**{limited: {1: 0.2, 2: 5.0, 3: 500.0, 4: 1e5}[order]})
+    if (name, limited) == ('s3', 'snap'):
+        with pytest.raises(TrajectoryError, match='snap: profile s3 has no bounded snap'):
+            limited_profile(name, limits, 0.01, 0.5e-3)
+        return
+    samples, _ = limited_profile(name, limits, 0.01, 0.5e-3)
+    fine = unit_profile(name, np.linspace(0, 1, 4001))
+    derivative = np.diff(fine[3]) * 4000 if order == 4 else fine[order]
+
+    def peak(samples):
+        return np.abs(derivative).max() * 0.01 / (samples * 0.5e-3) ** order
+
+    # sampled in 4000 steps, so a smooth peak may be missed by 1e-6, the snap of p7 at its very end by 3e-3
+    assert peak(samples) <= getattr(limits, limited) * (1 + 1e-9)
+    assert peak(samples - 1) > getattr(limits, limited) * (1 - 4e-3)
+
+
+def test_ruckig_keeps_all_three_limits_and_reaches_them_on_a_long_move():
+    limits = MotionLimits(speed=0.1, acceleration=5.0, jerk=500.0)
+    motion = moved({'d1': 15 * MM, 'd3': -3 * MM}, profile='ruckig', limits=limits)
+    joints = to_joints(FOUR_DOF, plan(FOUR_DOF, motion))
+    for derivative, limit in zip(joints.derivatives()[1:], (0.1, 5.0, 500.0), strict=True):
+        # the duration is stretched to whole samples, by less than 1 in 300 of them
+        assert 0.98 * limit < np.abs(derivative[:, 0]).max() <= limit * (1 + 1e-9)
+        np.testing.assert_allclose(derivative[:, 1], -0.2 * derivative[:, 0], atol=1e-9 * limit)  # synchronised
+    np.testing.assert_allclose(joints.position[joints.move_ends[0]] - FOUR_DOF.home, [0.015, -0.003, 0, 0], atol=1e-12)
+
+
+def test_derivatives_of_a_ruckig_move_are_its_derivatives():
+    limits = MotionLimits(speed=0.1, acceleration=5.0, jerk=500.0)
+    samples, profile = limited_profile('ruckig', limits, 0.01, 0.5e-3)
+    for lower, higher in pairwise(profile[:3]):
+        slope = np.diff(lower) * samples
+        # the trapezoidal rule is off by the step of the next derivative over 8 samples
+        tolerance = np.abs(np.diff(higher)).max() / 8 + 1e-9
+        np.testing.assert_allclose((higher[1:] + higher[:-1]) / 2, slope, atol=tolerance)
+
+
+def test_line_is_straight_in_all_coordinates():
+    end = HOME + np.array([1.5 * MM, -1.0 * MM, -0.3 * MM, 0.02])
+    line = Target(line=Pose(**dict(zip(FOUR_DOF.coordinates, end.tolist(), strict=True))))
+    trajectory = plan(FOUR_DOF, Motion(machine='four_dof', targets=(line,)))
+    share = (trajectory.position[40:181] - HOME) / (end - HOME)
+    expected = np.repeat(unit_profile('p7', np.arange(141) / 140)[0][:, None], 4, axis=1)
+    np.testing.assert_allclose(share, expected, atol=1e-10)  # rounding of the mechanism over the shortest change
+    speed = trajectory.velocity[40:181] / (end - HOME)
+    np.testing.assert_allclose(speed, np.repeat(speed[:, :1], 4, axis=1), atol=1e-8)
+
+
+def arc(via, to, machine='four_dof', **timing):
+    names = ('x', 'y', 'z', 'phi')
+    target = ArcTarget(via=Pose(**dict(zip(names, via, strict=False))), to=Pose(**dict(zip(names, to, strict=False))))
+    return Motion(machine=machine, targets=(Target(arc=target),), **timing)
+
+
+def test_arc_keeps_its_radius_passes_its_via_point_and_turns_phi_evenly():
+    x, y, z, phi = HOME
+    motion = arc([x + 1 * MM, y - 1 * MM, z], [x + 2 * MM, y, z, phi + 0.02])  # half a circle of 1 mm, below
+    trajectory = plan(FOUR_DOF, motion)
+    moving = trajectory.position[40:181]
+    radius = np.linalg.norm(moving[:, :3] - [x + 1 * MM, y, z], axis=1)
+    np.testing.assert_allclose(radius, 1 * MM, atol=1e-13)
+    np.testing.assert_allclose(moving[70, :3], [x + 1 * MM, y - 1 * MM, z], atol=1e-13)  # p7 is half way at half time
+    angle = np.arctan2(moving[:, 1] - y, moving[:, 0] - x - 1 * MM)
+    np.testing.assert_allclose(angle[1:-1] + np.pi, np.pi * (moving[1:-1, 3] - phi) / 0.02, atol=1e-8)
+
+
+def test_arc_of_a_plane_machine_may_be_more_than_half_a_circle():
+    x, y = PLANAR.forward(PLANAR.home)
+    trajectory = plan(PLANAR, arc([x, y - 2 * MM], [x + 1 * MM, y - 1 * MM], machine='planar'))
+    moving = trajectory.position[40:181]
+    np.testing.assert_allclose(np.linalg.norm(moving - [x, y - 1 * MM], axis=1), 1 * MM, atol=1e-13)
+    assert moving[:, 0].min() == pytest.approx(x - 1 * MM, abs=1e-6)  # the other way round: start, left, via, end
+    speed = np.linalg.norm(trajectory.velocity[40:181], axis=1)
+    assert speed.max() == pytest.approx(35 / 16 * 1.5 * np.pi * MM / 70e-3, rel=1e-4)
+
+
+def test_path_that_leaves_the_workspace_is_refused_by_its_target():
+    x, y, z, phi = HOME
+    with pytest.raises(WorkspaceError, match='motion: target 0: '):
+        plan(FOUR_DOF, arc([x + 30 * MM, y + 30 * MM, z], [x + 1 * MM, y, z, phi]))
+
+
+def test_motion_that_ends_at_home_has_no_way_home():
+    there, back = Target(by={'d1': 2 * MM}), Target(by={'d1': -2 * MM})
+    trajectory = plan(FOUR_DOF, Motion(machine='four_dof', targets=(there, back)))
+    assert len(trajectory.move_ends) == 2
+
+
+def test_every_move_takes_the_time_its_length_needs():
+    targets = (Target(by={'d1': 1 * MM}), Target(by={'d1': 15 * MM}))
+    motion = Motion(machine='four_dof', targets=targets, limits=MotionLimits(acceleration=5.0))
+    trajectory = plan(FOUR_DOF, motion)
+    times = trajectory.move_ends - trajectory.move_starts
+    assert times.tolist() == [78, 301, 311]  # sqrt(7.513 d/a)/Ts, rounded up
+
+
 @pytest.mark.parametrize(
     ('motion', 'reason'),
     [
+        (arc([*HOME[:3], 0.1], HOME), r"target 0: via: names .*'phi'.*; expected"),
+        (arc(HOME[:3] + 0.5 * DIAGONAL[:3], HOME + DIAGONAL), 'target 0: the start, via and the end'),
+        (moved({}, limits=MotionLimits(speed=0.1)), 'target 0: nothing moves by a length'),
         (moved({'d1': MM}, move_time=70.2e-3), 'move_time is 70.2 ms; expected a multiple of 0.5 ms'),
         (moved({'d2': MM}), r"target 0: names \['d2'\]; known: \['d1', 'd3', 'd5', 'd7'\]"),
         (load_motion('planar_80ms'), 'motion is for planar; the machine is four_dof'),
@@ -153,7 +276,12 @@ def test_unfit_motion_is_refused(motion, reason):
     [
         ('targets: []', 'targets'),
         ('targets: [{by: {d1: 5}}]', 'no unit'),
-        ('targets: [{}]', "either 'by'"),
+        ('targets: [{}]', "one of 'by'"),
+        ('targets: [{by: {d1: 5 mm}, line: {x: 90 mm, y: 90 mm}}]', "one of 'by'"),
+        ('targets: [{by: {d1: 5 mm}}]\nmove_time: 70 ms\nlimits: {speed: 0.1 m/s}', "either 'move_time' or 'limits'"),
+        ('targets: [{by: {d1: 5 mm}}]\nlimits: {}', 'at least one of'),
+        ('targets: [{by: {d1: 5 mm}}]\nlimits: {jerk: 5 m/s^2}', 'limits.jerk'),
+        ('targets: [{by: {d1: 5 mm}}]\nprofile: ruckig', "'ruckig' takes limits of speed, acceleration and jerk"),
         ('targets: [{by: {d1: 5 mm}}]\nmove_time: 0 s', 'move_time'),
         ('targets: [{by: {d1: 5 mm}}]\nprofile: p5', 'profile'),
     ],

@@ -1,13 +1,15 @@
-"""Node state_estimator: encoders in, pose and joint states of every POSE_EVERY-th tick out."""
+"""Node state_estimator: encoders in, the state of every POSE_EVERY-th tick out, in standard messages."""
 
 import math
 from math import cos, sin
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
 
+from pkm_core.description import base_boxes, frames, joint_positions, links, moved
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_interfaces.msg import EncoderSample
@@ -62,17 +64,69 @@ def test_pose_is_the_forward_kinematics_of_every_twentieth_tick(graph, encoders,
         assert (pose.orientation.z, pose.orientation.w) == (sin(phi / 2), cos(phi / 2))
 
 
-def test_joint_states_hold_positions_and_mean_speeds(graph, encoders, joint_states, machine):
+def test_joint_states_hold_motors_and_passive_joints_with_mean_speeds(graph, encoders, joint_states, machine):
     speed = np.array([0.1, -0.2, 0.3, 0.0])
-    for tick in (0, POSE_EVERY, 2 * POSE_EVERY):
-        encoders.send(tick, machine.home + speed * tick * machine.sample_time)
+    ticks = (0, POSE_EVERY, 2 * POSE_EVERY)
+    positions = [machine.home + speed * tick * machine.sample_time for tick in ticks]
+    for tick, position in zip(ticks, positions, strict=True):
+        encoders.send(tick, position)
     graph.spin_until(lambda: len(joint_states) == 3, 'three joint states')
-    first, _, last = joint_states
-    assert tuple(last.name) == machine.joints
-    assert np.array_equal(first.position, machine.home)
+    first, second, last = joint_states
+    assert tuple(last.name) == (*machine.joints, *machine.passive_angles(machine.home))
+    for message, position in zip(joint_states, positions, strict=True):
+        assert dict(zip(message.name, message.position, strict=True)) == joint_positions(machine, position)
     assert len(first.velocity) == 0, 'one position has no speed'
-    assert last.velocity == pytest.approx(speed)
+    assert last.velocity[: len(speed)] == pytest.approx(speed)
+    assert last.velocity == pytest.approx((np.array(last.position) - second.position) / 0.01)
     assert nanoseconds(last) == 20_000_000
+
+
+def test_twist_is_the_mean_speed_of_the_platform(graph, encoders, machine):
+    twists = graph.listen(TwistStamped, 'twist')
+    start, end = machine.home, machine.home + np.array([5e-4, 3e-4, -2e-4, 4e-4])
+    encoders.send(0, start)
+    encoders.send(POSE_EVERY, end)
+    graph.spin_until(lambda: twists, 'a twist')
+    twist = twists[0].twist
+    speeds = (machine.forward(end) - machine.forward(start)) / 0.01
+    assert (twist.linear.x, twist.linear.y, twist.linear.z, twist.angular.z) == pytest.approx(tuple(speeds))
+    assert (twist.angular.x, twist.angular.y) == (0.0, 0.0)
+    assert twists[0].header.frame_id == 'base'
+    # the mean of J(q) qd over the step, whose ends differ by the curvature over 0.5 mm
+    middle = machine.jacobian((start + end) / 2) @ ((end - start) / 0.01)
+    assert speeds == pytest.approx(middle, rel=1e-3)
+
+
+def test_markers_show_every_box_of_the_machine_where_it_stands(graph, encoders, machine):
+    arrays = graph.listen(MarkerArray, 'markers')
+    q = machine.home + np.array([1e-3, 2e-3, -3e-3, 4e-3])
+    encoders.send(0, q)
+    graph.spin_until(lambda: arrays, 'markers')
+    markers = {(marker.ns, marker.id): marker for marker in arrays[0].markers}
+    described = links(machine)
+    boxes = {(link.name, i): box for link in described for i, box in enumerate(link.boxes)}
+    boxes |= {('base', i): box for i, box in enumerate(base_boxes(machine))}
+    assert markers.keys() == boxes.keys()
+    found = frames(described, joint_positions(machine, q))
+    for (name, number), box in boxes.items():
+        marker = markers[name, number]
+        turn, origin = found[name]
+        assert marker.type == Marker.CUBE
+        assert marker.header.frame_id == 'base'
+        assert (marker.scale.x, marker.scale.y, marker.scale.z) == box.size
+        place, stands = marker.pose.position, marker.pose.orientation
+        assert (place.x, place.y, place.z) == moved(turn, origin, box.centre)
+        assert (stands.w, stands.x, stands.y, stands.z) == turn
+
+
+def test_twist_and_markers_are_silent_while_nobody_listens(graph, poses, machine, monkeypatch):
+    estimator = graph.start(StateEstimatorNode)
+    encoders = Encoders(graph, machine)
+    for publisher in ('_twist_publisher', '_markers_publisher'):
+        monkeypatch.setattr(getattr(estimator, publisher), 'publish', pytest.fail)
+    encoders.send(0, machine.home)
+    encoders.send(POSE_EVERY, machine.home)
+    graph.spin_until(lambda: len(poses) == 2, 'two poses')
 
 
 def test_nothing_is_published_until_all_joints_of_a_tick_are_there(graph, machine, poses):
@@ -88,11 +142,15 @@ def test_nothing_is_published_until_all_joints_of_a_tick_are_there(graph, machin
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, 1.0])
-def test_joint_positions_without_a_pose_give_none_and_the_next_ones_do(graph, encoders, poses, machine, bad):
+def test_joint_positions_without_a_pose_give_motors_only_and_the_next_ones_do(
+    graph, encoders, poses, joint_states, machine, bad
+):
     encoders.send(0, [bad, *machine.home[1:]])
     encoders.send(POSE_EVERY, machine.home)
-    graph.spin_until(lambda: poses, 'a pose')
+    graph.spin_until(lambda: poses and len(joint_states) == 2, 'a pose and two joint states')
     assert [nanoseconds(pose) for pose in poses] == [10_000_000]
+    assert tuple(joint_states[0].name) == machine.joints
+    assert len(joint_states[1].velocity) == 0, 'the passive joints have no speed yet'
 
 
 def test_planar_machine_has_x_and_y_and_stands_upright(graph, poses):

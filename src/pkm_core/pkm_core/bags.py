@@ -1,52 +1,34 @@
 """
 Motion cycles as rosbag2 folders: one MCAP file and a metadata.yaml each, written and read without ROS.
 
-Chunks are 64 KiB, so a recorder that is killed loses little. Messages carry the simulated time of their tick.
+Messages are stamped with the simulated time of their tick. Chunks of 64 KiB go to the operating system one by one, so a
+recorder that is killed loses at most the one it was filling; `pkm bag-doctor` makes a whole bag of the rest.
 """
 
+import struct
+import sys
 from collections import Counter
-from functools import cache
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import yaml
-from mcap.reader import make_reader
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
 from mcap.writer import CompressionType, Writer
-from rosbags.highlevel import AnyReader
-from rosbags.highlevel.anyreader import AnyReaderError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.serde import SerdeError
+from rosbags.typesys import TypesysError
+from zstandard import ZstdError
 
-from pkm_core.config import install_prefixes
 from pkm_core.errors import BagError
+from pkm_core.message_types import types_of, typestore
+from pkm_core.rosbag2 import NEVER, bag_information, channel_facts, dump
 
-_CHUNK_BYTES = 64 * 1024
-# what every topic of the cell is offered with, in rosbag2's words
-_QOS = {
-    'history': 'keep_last',
-    'depth': 1000,
-    'reliability': 'reliable',
-    'durability': 'volatile',
-    'deadline': {'sec': 9223372036, 'nsec': 854775807},
-    'lifespan': {'sec': 9223372036, 'nsec': 854775807},
-    'liveliness': 'automatic',
-    'liveliness_lease_duration': {'sec': 9223372036, 'nsec': 854775807},
-    'avoid_ros_namespace_conventions': False,
-}
-
-
-@cache
-def typestore():
-    """Return the message types of ROS 2 Jazzy and pkm_interfaces."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for prefix in install_prefixes():
-        folder = prefix / 'share' / 'pkm_interfaces' / 'msg'
-        if folder.is_dir():
-            for path in sorted(folder.glob('*.msg')):
-                store.register(get_types_from_msg(path.read_text(encoding='utf-8'), f'pkm_interfaces/msg/{path.stem}'))
-            return store
-    raise BagError(
-        f'pkm_interfaces is not built in any of {[str(p) for p in install_prefixes()]}; run bringup_scripts/setup'
-    )
+CHUNK_BYTES = 64 * 1024
+# what a message takes in a chunk beside its data: opcode, length, channel, sequence and two times
+_MESSAGE_OVERHEAD = 31
+# the ways in which a damaged file shows; the checksums of its chunks turn most into a ValueError
+DAMAGE = (McapError, SerdeError, TypesysError, ZstdError, struct.error, ValueError, KeyError)
 
 
 class BagWriter:
@@ -60,38 +42,49 @@ class BagWriter:
     topics : dict of str to str
         Message type by topic, e.g. ``{'/pkm/d1/encoder': 'pkm_interfaces/msg/EncoderSample'}``.
     metadata : dict of str to str
-        Facts about the recording, kept in the MCAP file and as custom data of metadata.yaml.
+        Facts about the recording that are known now: record `pkm` of the MCAP file, custom data of metadata.yaml.
+    types : Typestore, optional
+        Where the types are defined; those installed by default.
 
     """
 
-    def __init__(self, path, topics, metadata):
+    def __init__(self, path, topics, metadata, types=None):
+        types = types or typestore()
+        self._hashes = {topic: types.hash_rihs01(kind) for topic, kind in topics.items()}
         self.path = Path(path)
         self.path.mkdir(parents=True)
         self._file = self.path / f'{self.path.name}_0.mcap'
         self._topics, self._metadata = topics, metadata
         self._stream = self._file.open('wb')
-        self._writer = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        # chunks end where `_flush` ends them: one that the writer ended by itself would stay in the stream's buffer
+        self._writer = Writer(self._stream, chunk_size=sys.maxsize, compression=CompressionType.ZSTD)
         self._writer.start(profile='ros2', library='pkm_core')
         schemas = {}
         for message_type in sorted(set(topics.values())):
-            text, _ = typestore().generate_msgdef(message_type, ros_version=2)
+            text, _ = types.generate_msgdef(message_type, ros_version=2)
             schemas[message_type] = self._writer.register_schema(message_type, 'ros2msg', text.encode())
-        qos = yaml.safe_dump([_QOS])
         self._channels = {
-            topic: self._writer.register_channel(topic, 'cdr', schemas[kind], {'offered_qos_profiles': qos})
+            topic: self._writer.register_channel(topic, 'cdr', schemas[kind], channel_facts(self._hashes[topic]))
             for topic, kind in topics.items()
         }
         self._writer.add_metadata('pkm', metadata)
+        self._flush()
         self.counts = Counter()
-        self._start, self._end = None, 0
+        self._start, self._end = NEVER, 0
+
+    def _flush(self):
+        """End the chunk and hand it to the operating system, which keeps it whatever happens to this process."""
+        self._writer.flush()
+        self._unsaved = 0
 
     def write(self, topic, data, time):
         """Add the serialized message `data` at simulated `time` [ns]."""
-        if self._start is None:
-            self._start = time
-        self._end = max(self._end, time)
+        self._start, self._end = min(self._start, time), max(self._end, time)
         self._writer.add_message(self._channels[topic], time, data, time, self.counts[topic])
         self.counts[topic] += 1
+        self._unsaved += _MESSAGE_OVERHEAD + len(data)
+        if self._unsaved >= CHUNK_BYTES:
+            self._flush()
 
     def close(self, facts):
         """
@@ -100,7 +93,7 @@ class BagWriter:
         Parameters
         ----------
         facts : dict of str to str
-            What is known only now; joins the metadata.
+            What is known only now: record `pkm_end` of the MCAP file, and custom data of metadata.yaml too.
 
         Raises
         ------
@@ -109,80 +102,79 @@ class BagWriter:
 
         """
         self._writer.add_metadata('pkm_end', facts)
-        start, total = self._start or 0, self.counts.total()
-        duration = {'nanoseconds': self._end - start}
-        info = {
-            'version': 9,
-            'storage_identifier': 'mcap',
-            'relative_file_paths': [self._file.name],
-            'duration': duration,
-            'starting_time': {'nanoseconds_since_epoch': start},
-            'message_count': total,
-            'topics_with_message_count': [
-                {
-                    'topic_metadata': {
-                        'name': topic,
-                        'type': kind,
-                        'serialization_format': 'cdr',
-                        'offered_qos_profiles': [_QOS],
-                        'type_description_hash': typestore().hash_rihs01(kind),
-                    },
-                    'message_count': self.counts[topic],
-                }
-                for topic, kind in self._topics.items()
-            ],
-            'compression_format': '',
-            'compression_mode': '',
-            'files': [
-                {
-                    'path': self._file.name,
-                    'starting_time': {'nanoseconds_since_epoch': start},
-                    'duration': dict(duration),
-                    'message_count': total,
-                }
-            ],
-            'custom_data': self._metadata | facts,
-            'ros_distro': 'jazzy',
-        }
-        self._writer.add_metadata('rosbag2', {'serialized_metadata': _dump(info)})
+        info = bag_information(
+            self._file.name,
+            [(topic, kind, self._hashes[topic], self.counts[topic]) for topic, kind in self._topics.items()],
+            start=self._start,
+            duration=max(0, self._end - self._start),
+            custom_data=self._metadata | facts,
+        )
+        self._writer.add_metadata('rosbag2', {'serialized_metadata': dump(info)})
         self._writer.finish()
         self._stream.close()
-        (self.path / 'metadata.yaml').write_text(_dump({'rosbag2_bagfile_information': info}), encoding='utf-8')
-        with self._file.open('rb') as stream:
-            statistics = make_reader(stream).get_summary().statistics
-        written = {
-            topic: statistics.channel_message_counts.get(channel, 0) for topic, channel in self._channels.items()
-        }
-        if any(written[topic] != self.counts[topic] for topic in self._topics):
-            raise BagError(f'{self._file}: holds {written} messages; {dict(self.counts)} were written')
+        (self.path / 'metadata.yaml').write_text(dump({'rosbag2_bagfile_information': info}), encoding='utf-8')
+        with _reader(self._file) as reader:
+            statistics = reader.get_summary().statistics
+        held = {topic: statistics.channel_message_counts.get(channel, 0) for topic, channel in self._channels.items()}
+        if any(held[topic] != self.counts[topic] for topic in held):
+            raise BagError(f'{self._file}: holds {held} messages; {dict(self.counts)} were written')
 
 
-class _NoAliases(yaml.SafeDumper):
-    def ignore_aliases(self, data):
-        return True
+@contextmanager
+def damage_refused(file, advice=''):
+    """Turn whatever an unreadable or damaged `file` makes its readers raise into one `BagError`."""
+    try:
+        yield
+    except BagError:
+        raise
+    except OSError as error:
+        raise BagError(f'{file}: cannot be read: {error.strerror}') from None
+    except (AttributeError, *DAMAGE) as error:  # AttributeError: there is no summary, or no schema
+        raise BagError(f'{file}: cannot be read as a bag: {_reason(error)}{advice}') from None
 
 
-def _dump(data):
-    return yaml.dump(data, Dumper=_NoAliases, sort_keys=False)
+@contextmanager
+def _reader(path):
+    """Open the bag `path` and yield the reader of its MCAP file."""
+    file = bag_file(path)
+    with damage_refused(file, f'; try: pkm bag-doctor {path}'), file.open('rb') as stream:
+        yield SeekingReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size)
+
+
+def _reason(error):
+    """Return what `error` says, in one line."""
+    return ' '.join(str(error).split()) or type(error).__name__
 
 
 def read_metadata(path):
     """Return what metadata.yaml says of the bag folder `path`."""
     file = Path(path) / 'metadata.yaml'
+    if not file.exists() and any(Path(path).glob('*.mcap')):
+        raise BagError(f'{path}: has no metadata.yaml, as when its recorder was killed; try: pkm bag-doctor {path}')
     try:
-        return yaml.safe_load(file.read_text(encoding='utf-8'))['rosbag2_bagfile_information']
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise BagError(f'{file}: cannot be read as the metadata of a bag: {error}') from None
+        return yaml.load(file.read_text(encoding='utf-8'), yaml.CSafeLoader)['rosbag2_bagfile_information']
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise BagError(f'{file}: cannot be read as the metadata of a bag: {_reason(error)}') from None
 
 
-def read_topics(path, topics):
+def bag_file(path):
+    """Return the one MCAP file of the bag folder `path`, or `path` if it is a file; `BagError` otherwise."""
+    path = Path(path)
+    if path.is_file():
+        return path
+    if not path.exists():
+        raise BagError(f'{path}: no such file or folder')
+    files = sorted(path.glob('*.mcap'))
+    if len(files) != 1:
+        raise BagError(f'{path}: is no bag of this cell: has {len(files)} MCAP files; expected 1')
+    return files[0]
+
+
+def raw_messages(path, topics=None):
     """
-    Return the messages of `topics` in the bag folder `path`, oldest first.
+    Yield (topic, message type, serialized bytes, time [ns]) of the bag `path`, oldest first, for `topics` or all.
 
-    Returns
-    -------
-    messages : dict of str to list
-        Deserialized messages by topic; an empty list where the bag has none.
+    Messages of the same time come in the order in which they were recorded.
 
     Raises
     ------
@@ -190,14 +182,38 @@ def read_topics(path, topics):
         If `path` is no bag or cannot be read.
 
     """
-    messages = {topic: [] for topic in topics}
-    try:
-        with AnyReader([Path(path)], default_typestore=typestore()) as reader:
-            connections = [connection for connection in reader.connections if connection.topic in messages]
-            for connection, _, data in reader.messages(connections=connections):
-                messages[connection.topic].append(reader.deserialize(data, connection.msgtype))
-    except (AnyReaderError, OSError, ValueError, AssertionError) as error:
-        raise BagError(f'{path}: cannot be read as a bag: {error}') from None
+    with _reader(path) as reader:
+        for schema, channel, message in reader.iter_messages(topics):
+            yield channel.topic, schema.name, message.data, message.log_time
+
+
+def read_topics(path, topics=None):
+    """
+    Return the messages of the bag `path` by topic, oldest first.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the bag, or its MCAP file.
+    topics : iterable of str, optional
+        Which; all that have messages by default.
+
+    Returns
+    -------
+    messages : dict of str to list
+        Deserialized messages by topic; an empty list where a topic that was asked for has none.
+
+    Raises
+    ------
+    BagError
+        If `path` is no bag or cannot be read.
+
+    """
+    messages = {topic: [] for topic in topics or ()}
+    with _reader(path) as reader:
+        types = types_of(reader.get_summary().schemas.values())
+        for topic, kind, data, _ in raw_messages(path, topics):
+            messages.setdefault(topic, []).append(types.deserialize_cdr(data, kind))
     return messages
 
 

@@ -2,8 +2,9 @@
 Motions: what is to be driven, config/motions/<name>.yaml or a list of poses, and its plan as a pose trajectory.
 
 A motion leaves home, visits its targets in order and returns home, so that it can be repeated and learned. All joints
-of a move start and stop together. Every move has a rest before it (the learning signal may begin before the move, and
-the boundary of the cycle lies inside a rest) and one after it.
+of a move start and stop together: on the straight line between joint positions ('by', 'pose'), or so that the end point
+runs along a straight line or an arc. Every move has a rest before it (the learning signal may begin before the move,
+and the boundary of the cycle lies inside a rest) and one after it.
 """
 
 from typing import Annotated, Literal
@@ -14,7 +15,11 @@ from pydantic import Field, model_validator
 from pkm_core.config import Angle, Config, Length, Time, config_folder, find_config, load_config, read_yaml
 from pkm_core.errors import TrajectoryError, WorkspaceError
 from pkm_core.jet import Jet
-from pkm_core.trajectory import DERIVATIVES, SampledTrajectory, checked_joints, unit_profile, with_derivatives
+from pkm_core.machines.base import ROUNDING
+from pkm_core.machines.checks import ANGLES
+from pkm_core.paths import Arc, Line
+from pkm_core.profiles import PROFILES, MotionLimits, fixed_profile, limited_profile
+from pkm_core.trajectory import DERIVATIVES, SampledTrajectory, checked_joints, with_derivatives
 
 
 class Pose(Config):
@@ -26,16 +31,25 @@ class Pose(Config):
     phi: Angle | None = None
 
 
+class ArcTarget(Config):
+    """An arc: where it ends, and a point it passes, of which phi is left out."""
+
+    to: Pose
+    via: Pose
+
+
 class Target(Config):
-    """Where a move ends."""
+    """Where a move ends, and how it gets there."""
 
     by: dict[str, Length] | None = None  # from where the machine stands; a joint not named stays
-    pose: Pose | None = None
+    pose: Pose | None = None  # straight for the joints
+    line: Pose | None = None  # straight for the end point
+    arc: ArcTarget | None = None
 
     @model_validator(mode='after')
     def _is_one_thing(self):
-        if (self.by is None) == (self.pose is None):
-            raise ValueError("a target is either 'by' (joint displacements) or 'pose'")
+        if sum(value is not None for _, value in self) != 1:
+            raise ValueError("a target is one of 'by' (joint displacements), 'pose', 'line', 'arc'")
         return self
 
 
@@ -44,10 +58,21 @@ class Motion(Config):
 
     machine: str
     targets: Annotated[tuple[Target, ...], Field(min_length=1)]
-    move_time: Annotated[Time, Field(gt=0)] = 70e-3  # Tp of the thesis
+    move_time: Annotated[Time, Field(gt=0)] = 70e-3  # of every move, Tp of the thesis; unused with limits
+    limits: MotionLimits | None = None  # instead of a time: every move as fast as these allow
     lead_rest: Annotated[Time, Field(ge=0)] = 20e-3  # before a move
     settle_window: Annotated[Time, Field(gt=0)] = 80e-3  # after a move
-    profile: Literal['p7', 's3'] = 'p7'
+    profile: Literal[*PROFILES] = 'p7'
+
+    @model_validator(mode='after')
+    def _timing_is_clear(self):
+        if self.limits is not None and 'move_time' in self.model_fields_set:
+            raise ValueError("expected either 'move_time' or 'limits'")
+        if self.profile == 'ruckig':
+            limits = self.limits
+            if limits is None or None in (limits.speed, limits.acceleration, limits.jerk) or limits.snap is not None:
+                raise ValueError("profile 'ruckig' takes limits of speed, acceleration and jerk, no more and no less")
+        return self
 
 
 def load_motion(name_or_path):
@@ -77,15 +102,15 @@ def poses_motion(machine, poses, move_time=None):
 
 def plan(machine, motion):
     """
-    Return the pose trajectory of one cycle of `motion`: straight moves of all joints, mapped by `machine.forward`.
+    Return the pose trajectory of one cycle of `motion`.
 
     Raises
     ------
     TrajectoryError
         If the motion is for another machine, names a joint or coordinate it lacks, a duration is no multiple of the
-        sample time, or a joint exceeds the speed limit.
+        sample time, a path is none, or a joint exceeds the limit of speed or thrust.
     WorkspaceError
-        If a target cannot be reached.
+        If a target or a point of a path cannot be reached.
 
     """
     if motion.machine != machine.name:
@@ -95,19 +120,52 @@ def plan(machine, motion):
 
 
 def _joint_trajectory(machine, motion):
-    lead, move, settle = (_samples(machine, motion, name) for name in ('lead_rest', 'move_time', 'settle_window'))
-    period = lead + move + settle
-    waypoints = _waypoints(machine, motion)
-    moves = len(waypoints) - 1
-    columns = [np.zeros((moves * period, len(machine.joints))) for _ in DERIVATIVES]
-    starts = np.arange(moves) * period + lead
-    profile = unit_profile(motion.profile, np.arange(move + 1) / move)
-    for begin, origin, target in zip(starts, waypoints[:-1], waypoints[1:], strict=True):
-        columns[0][begin - lead : begin + move] = origin
-        columns[0][begin + move :] = target
-        for order, (column, shape) in enumerate(zip(columns, profile, strict=True)):
-            column[begin : begin + move] += shape[:-1, None] * (target - origin) / motion.move_time**order
-    return SampledTrajectory(machine.sample_time, machine.joints, *columns, starts, starts + move)
+    lead, settle = (_samples(machine, motion, name) for name in ('lead_rest', 'settle_window'))
+    rest = np.zeros((3, len(machine.joints)))
+    rows, starts, ends = [[] for _ in DERIVATIVES], [], []
+    position, done = machine.home, 0
+    for index, target in enumerate((*motion.targets, None)):
+        where = 'motion: way home' if target is None else f'motion: target {index}'
+        if target is None and np.abs(position - machine.home).max() < ROUNDING:
+            break  # the last target was home
+        move = _move(machine, motion, where, target, position)
+        samples = len(move[0]) - 1
+        starts.append(done + lead)
+        ends.append(done + lead + samples)
+        done = ends[-1] + settle
+        for column, values, standing in zip(rows, move, (None, *rest), strict=True):
+            before, after = (position, move[0][-1]) if standing is None else (standing, standing)
+            column += [np.tile(before, (lead, 1)), values[:-1], np.tile(after, (settle, 1))]
+        position = move[0][-1]
+    columns = (np.concatenate(parts) for parts in rows)
+    return SampledTrajectory(machine.sample_time, machine.joints, *columns, np.array(starts), np.array(ends))
+
+
+def _move(machine, motion, where, target, position):
+    """Return joint position, velocity, acceleration and jerk (m + 1, n) of one move from `position` (n,)."""
+    if target is not None and target.by is None and target.pose is None:
+        path = _path(machine, where, target, position)
+        duration, profile = _timing(machine, motion, where, path.length)
+        s = Jet.from_derivatives(*(shape / duration**order for order, shape in enumerate(profile)))
+        try:
+            return machine.inverse(path.at(s)).derivatives()
+        except WorkspaceError as error:
+            raise WorkspaceError(f'{where}: {error}') from None
+    end = machine.home if target is None else _target_joints(machine, where, target, position)
+    change = end - position
+    duration, profile = _timing(machine, motion, where, np.abs(change).max())
+    move = [shape[:, None] * change / duration**order for order, shape in enumerate(profile)]
+    return [position + move[0], *move[1:]]
+
+
+def _timing(machine, motion, where, distance):
+    """Return duration [s] and unit profile of a move over `distance` [m]."""
+    if motion.limits is None:
+        return motion.move_time, fixed_profile(motion.profile, _samples(machine, motion, 'move_time'))
+    if not distance > ROUNDING:
+        raise TrajectoryError(f'{where}: nothing moves by a length, so limits give no duration; give move_time')
+    samples, profile = limited_profile(motion.profile, motion.limits, distance, machine.sample_time)
+    return samples * machine.sample_time, profile
 
 
 def _samples(machine, motion, name):
@@ -121,24 +179,35 @@ def _samples(machine, motion, name):
     return samples
 
 
-def _waypoints(machine, motion):
-    """Return home, the targets and home again, in joints."""
-    waypoints = [machine.home]
-    for index, target in enumerate(motion.targets):
-        waypoints.append(_target_joints(machine, f'motion: target {index}', target, waypoints[-1]))
-    return [*waypoints, machine.home]
+def _path(machine, where, target, position):
+    """Return the `Line` or `Arc` of a target."""
+    start = machine.forward(position)
+    lengths = [i for i, name in enumerate(machine.coordinates) if name not in ANGLES]
+    if target.line is not None:
+        return Line(start, _pose(machine, where, target.line), lengths)
+    via = target.arc.via.model_dump(exclude_none=True)
+    _check_names(f'{where}: via', via, [machine.coordinates[i] for i in lengths], exactly=True)
+    try:
+        return Arc(start, np.array(list(via.values())), _pose(machine, where, target.arc.to), lengths)
+    except TrajectoryError as error:
+        raise TrajectoryError(f'{where}: {error}') from None
+
+
+def _pose(machine, where, pose):
+    """Return the pose (m,) [m, rad] of a target; the machine can reach it."""
+    given = pose.model_dump(exclude_none=True)
+    _check_names(where, given, machine.coordinates, exactly=True)
+    pose = np.array([given[name] for name in machine.coordinates])
+    try:
+        machine.check_pose(pose)
+    except WorkspaceError as error:
+        raise WorkspaceError(f'{where}: {error}') from None
+    return pose
 
 
 def _target_joints(machine, where, target, position):
     if target.pose is not None:
-        given = target.pose.model_dump(exclude_none=True)
-        _check_names(where, given, machine.coordinates, exactly=True)
-        pose = np.array([given[name] for name in machine.coordinates])
-        try:
-            machine.check_pose(pose)
-        except WorkspaceError as error:
-            raise WorkspaceError(f'{where}: {error}') from None
-        return machine.inverse(pose)
+        return machine.inverse(_pose(machine, where, target.pose))
     _check_names(where, target.by, machine.joints, exactly=False)
     return position + np.array([target.by.get(joint, 0.0) for joint in machine.joints])
 

@@ -1,4 +1,4 @@
-"""References sampled at the servo rate, the profiles they are made of, and their way from poses to joints."""
+"""References sampled at the servo rate, their way from poses to joints, and what a machine may be asked to follow."""
 
 from dataclasses import dataclass
 
@@ -56,39 +56,6 @@ class SampledTrajectory:
         return tuple(getattr(self, name) for name in DERIVATIVES)
 
 
-def _p7(s):
-    return (
-        s**4 * (35 - s * (84 - s * (70 - s * 20))),
-        s**3 * (140 - s * (420 - s * (420 - s * 140))),
-        s**2 * (420 - s * (1680 - s * (2100 - s * 840))),
-        s * (840 - s * (5040 - s * (8400 - s * 4200))),
-    )
-
-
-def _s3(s):
-    mirrored = np.minimum(s, 1 - s)  # the second half repeats the first backwards
-    ramp = np.maximum(mirrored - 0.25, 0)
-    position = 16 / 3 * mirrored**3 - 32 / 3 * ramp**3
-    acceleration = 32 * mirrored - 64 * ramp
-    jerk = np.select([s < 0.25, s < 0.75, s < 1], [32.0, -32.0, 32.0], 0.0)
-    late = s > 0.5
-    velocity = 16 * mirrored**2 - 32 * ramp**2
-    return np.where(late, 1 - position, position), velocity, np.where(late, -acceleration, acceleration), jerk
-
-
-PROFILES = {'p7': _p7, 's3': _s3}
-
-
-def unit_profile(name, s):
-    """
-    Return position and its first three derivatives to s of the rest-to-rest profile from 0 to 1 at `s` in [0, 1].
-
-    'p7' is the polynomial of 7th degree whose derivatives up to the jerk are zero at both ends; 's3' switches between
-    plus and minus one jerk at 0, 1/4, 3/4 and 1, the fastest profile a jerk limit alone allows.
-    """
-    return PROFILES[name](np.asarray(s, dtype=np.float64))
-
-
 def to_joints(machine, trajectory):
     """
     Return the joint trajectory of a pose trajectory: `machine.inverse`, exact up to the jerk.
@@ -96,7 +63,7 @@ def to_joints(machine, trajectory):
     Raises
     ------
     TrajectoryError
-        If the trajectory is for other coordinates or another sample time, or a joint exceeds the speed limit.
+        If the trajectory is for other coordinates or another sample time, or a joint exceeds its speed or thrust.
     WorkspaceError
         If a pose cannot be reached or lies outside a joint's travel; the sample is named.
 
@@ -116,18 +83,30 @@ def with_derivatives(trajectory, coordinates, jet):
 
 
 def checked_joints(machine, trajectory):
-    """Return the joint `trajectory` if `machine` may run it; errors as `to_joints`."""
+    """
+    Return the joint `trajectory` if `machine` may run it; errors as `to_joints`.
+
+    The thrust is that of the nominal design, friction and what else identification adds left out.
+    """
     if trajectory.sample_time != machine.sample_time:
         raise TrajectoryError(
             f'trajectory: sample time {trajectory.sample_time * 1e3:g} ms; {machine.name} runs at '
             f'{machine.sample_time * 1e3:g} ms'
         )
     machine.check_joints(trajectory.position)
-    speed = np.abs(trajectory.velocity)
-    if (speed > machine.limits.speed).any():
-        sample, column = np.argwhere(speed > machine.limits.speed)[0]
-        raise TrajectoryError(
-            f'trajectory: {machine.joints[column]} at sample {sample} moves at {speed[sample, column]:.3f} m/s; '
-            f'allowed {machine.limits.speed:g} m/s'
-        )
+    position, velocity, acceleration, _ = trajectory.derivatives()
+    _check_size(machine, velocity, machine.limits.speed, 'moves at', 'm/s', 3)
+    _check_size(
+        machine, machine.inverse_dynamics(position, velocity, acceleration), machine.limits.thrust, 'needs', 'N', 1
+    )
     return trajectory
+
+
+def _check_size(machine, values, limit, verb, unit, digits):
+    size = np.abs(values)
+    if (size > limit).any():
+        sample, column = np.argwhere(size > limit)[0]
+        raise TrajectoryError(
+            f'trajectory: {machine.joints[column]} at sample {sample} {verb} {size[sample, column]:.{digits}f} {unit}; '
+            f'allowed {limit:g} {unit}'
+        )

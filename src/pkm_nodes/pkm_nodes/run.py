@@ -18,7 +18,8 @@ from pkm_core.learning import LAWS
 from pkm_core.machines import load_machine
 from pkm_core.motions import default_motion, load_motion, plan
 from pkm_core.records import read_cycle
-from pkm_core.report import cycle_figures, cycles_table, messages, plot_cycles
+from pkm_core.reporting.figures import plot_cycles
+from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.trajectory import to_joints
 
 

@@ -1,24 +1,31 @@
-"""Node `state_estimator`: encoders in, end-effector pose and joint states out, by forward kinematics."""
+"""
+Node `state_estimator`: encoders in, the state of the machine in standard messages out, by forward kinematics.
+
+pose and joint_states go out always, for the recorder counts on them; twist and markers only while somebody listens.
+"""
 
 import sys
 from math import cos, sin
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
+from pkm_core.description import ROOT, joint_positions
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.conversions import time_of_tick
+from pkm_nodes.markers import LinkMarkers
 from pkm_nodes.node import CYCLE_QOS, PkmNode, run
 
-# [ticks] poses go out at 100 Hz of simulated time
+# [ticks] states go out at 100 Hz of simulated time
 POSE_EVERY = 20
 
 
 class StateEstimatorNode(PkmNode):
-    """Publishes pose and joint_states of every `POSE_EVERY`-th tick."""
+    """Publishes pose, twist, joint_states and markers of every `POSE_EVERY`-th tick."""
 
     def __init__(self, **kwargs):
         super().__init__('state_estimator', **kwargs)
@@ -26,10 +33,13 @@ class StateEstimatorNode(PkmNode):
         self.check_settings()
         joints = self._machine.joints
         self._positions = np.zeros(len(joints))
-        self._previous = None  # tick and positions of the last published state
+        self._previous = None  # tick, joints and pose of the last published state
         self._tick, self._arrived = -1, 0
+        self._markers = LinkMarkers(self._machine)
         self._pose_publisher = self.create_publisher(PoseStamped, 'pose', CYCLE_QOS)
+        self._twist_publisher = self.create_publisher(TwistStamped, 'twist', CYCLE_QOS)
         self._joints_publisher = self.create_publisher(JointState, 'joint_states', CYCLE_QOS)
+        self._markers_publisher = self.create_publisher(MarkerArray, 'markers', CYCLE_QOS)
         for i, joint in enumerate(joints):
             self.on_tick_topic(EncoderSample, f'{joint}/encoder', lambda sample, i=i: self._on_sample(i, sample))
 
@@ -44,19 +54,29 @@ class StateEstimatorNode(PkmNode):
             self._publish()
 
     def _publish(self):
-        stamp = time_of_tick(self._tick, self._machine.sample_time)
+        machine = self._machine
+        stamp = time_of_tick(self._tick, machine.sample_time)
         try:
-            pose = self._machine.forward(self._positions).tolist()
+            pose = dict(zip(machine.coordinates, machine.forward(self._positions).tolist(), strict=True))
+            joints = joint_positions(machine, self._positions)
         except PkmError as error:  # after a collision, or a reading that is not finite
             self.get_logger().error(f'tick {self._tick}: no pose: {error}')
-        else:
-            self._publish_pose(stamp, dict(zip(self._machine.coordinates, pose, strict=True)))
-        self._publish_joints(stamp)
+            pose, joints = {}, dict(zip(machine.joints, self._positions.tolist(), strict=True))
+        before, self._previous = self._previous, (self._tick, joints, pose)
+        if pose:
+            self._publish_pose(stamp, pose)
+        if pose and self._markers_publisher.get_subscription_count():
+            self._markers_publisher.publish(self._markers.message(stamp, joints))
+        # mean speeds since the last state: 0.2 um counts over 10 ms are 20 um/s, so no filter is needed
+        elapsed = 0.0 if before is None else (self._tick - before[0]) * machine.sample_time
+        self._publish_joints(stamp, joints, _rates(joints, before[1], elapsed) if elapsed > 0 else [])
+        if elapsed > 0 and pose and before[2] and self._twist_publisher.get_subscription_count():
+            self._publish_twist(stamp, dict(zip(pose, _rates(pose, before[2], elapsed), strict=True)))
 
     def _publish_pose(self, stamp, coordinates):
         pose = PoseStamped()
         pose.header.stamp = stamp
-        pose.header.frame_id = 'base'
+        pose.header.frame_id = ROOT
         pose.pose.position.x = coordinates['x']
         pose.pose.position.y = coordinates['y']
         pose.pose.position.z = coordinates.get('z', 0.0)
@@ -64,15 +84,28 @@ class StateEstimatorNode(PkmNode):
         pose.pose.orientation.z, pose.pose.orientation.w = sin(half), cos(half)
         self._pose_publisher.publish(pose)
 
-    def _publish_joints(self, stamp):
-        joints = JointState(name=list(self._machine.joints), position=self._positions.tolist())
+    def _publish_twist(self, stamp, rates):
+        twist = TwistStamped()
+        twist.header.stamp = stamp
+        twist.header.frame_id = ROOT
+        twist.twist.linear.x = rates['x']
+        twist.twist.linear.y = rates['y']
+        twist.twist.linear.z = rates.get('z', 0.0)
+        twist.twist.angular.z = rates.get('phi', 0.0)
+        self._twist_publisher.publish(twist)
+
+    def _publish_joints(self, stamp, positions, velocities):
+        """Publish motors first, then the passive joints, which are missing where the mechanism cannot stand."""
+        joints = JointState(name=list(positions), position=list(positions.values()), velocity=velocities)
         joints.header.stamp = stamp
-        if self._previous is not None and self._tick > self._previous[0]:
-            # the mean speed since the last state: 0.2 um counts over 10 ms are 20 um/s, so no filter is needed
-            elapsed = (self._tick - self._previous[0]) * self._machine.sample_time
-            joints.velocity = ((self._positions - self._previous[1]) / elapsed).tolist()
-        self._previous = (self._tick, self._positions.copy())
         self._joints_publisher.publish(joints)
+
+
+def _rates(now, before, elapsed):
+    """Return the mean rates of the entries of `now`, or none if one of them is new."""
+    if now.keys() != before.keys():
+        return []
+    return [(value - before[name]) / elapsed for name, value in now.items()]
 
 
 def make_nodes():

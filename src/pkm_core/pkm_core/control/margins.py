@@ -1,69 +1,138 @@
-"""Stability margins of one axis, (7.26)-(7.28), from the discrete open loop L = PID FL FN z^-1 ZOH{P}."""
+"""Stability margins of one axis, (7.26)-(7.29): of its model, of perturbed models, and of a measured response."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import product
 
 import numpy as np
+
+from pkm_core.control.nyquist import FIGURES, loop_figures
+from pkm_core.control.systems import open_loop, plant_system
+from pkm_core.errors import PkmError
+
+GAIN_SPREAD = (1.0, 0.8, 1.2)  # payload, drive and identification
+RESONANCE_SPREAD = (1.0, 0.95, 1.05)  # over the workspace
 
 
 @dataclass(frozen=True)
 class Margins:
-    """What a loop tolerates; where `slowest_pole` is not below 1 it is unstable and the others mean nothing."""
+    """
+    What a loop tolerates; where it is not `stable`, the others mean nothing.
 
-    gain_margin: float  # [dB] allowed rise of the gain
-    phase_margin: float  # [deg]
-    peak_sensitivity: float  # max |1/(1 + L)|
+    S = 1/(1 + L), T = 1 - S. Not a number: the response never gets there.
+    """
+
+    gain_margin: float  # [dB] allowed rise of the gain (7.26)
+    gain_reduction: float  # [dB] allowed fall; integral action makes loops that need their gain
+    phase_margin: float  # [deg] (7.27)
+    peak_sensitivity: float  # max |S|
+    disk_margin: float  # a: gain times (2 + a)/(2 - a) or its inverse and phase 2 atan(a/2), both at once, are allowed
     crossover: float  # [Hz] highest frequency with |L| = 1
-    slowest_pole: float  # largest |z| of the closed loop
+    bandwidth: float  # [Hz] up to which |S| < 1, CLBW of (7.29)
+    bandwidth_3db: float  # [Hz] up to which |S| < 1/sqrt 2
+    tracking_bandwidth: float  # [Hz] from which on |T| < 1/sqrt 2
+    slowest_pole: float  # largest |z| of the closed loop; nan of a measured response, which cannot show it
+
+    @property
+    def stable(self):
+        """Whether the closed loop is."""
+        return self.slowest_pole < 1
 
 
-def plant_system(model, sample_time):
-    """Return the python-control system z^-1 ZOH{P}: voltage [V] to position [m], one whole sample of computation."""
-    import control  # takes a second to import; only design work needs it
-
-    w = 2 * np.pi * model.current_loop
-    plant = control.ss([[0, 1], [0, -model.viscosity]], [[0], [model.gain]], [[1, 0]], 0) * control.ss(-w, w, 1, 0)
-    for mode in model.modes:
-        plant = plant * _mode_section(control, mode)
-    return control.sample_system(plant, sample_time, 'zoh') * control.ss(0, 1, 1, 0, sample_time)
+def design_grid(sample_time):
+    """Return the frequencies [Hz] on which models are judged; the sharpest mode is 9 Hz wide."""
+    nyquist = 0.5 / sample_time
+    return np.concatenate([[0.2, 0.5], np.arange(1.0, nyquist, 0.25), [nyquist]])
 
 
-def _mode_section(control, mode):
-    """Return (wr^2/wa^2)(s^2 + 2 za wa s + wa^2)/(s^2 + 2 zr wr s + wr^2) with states scaled by wr."""
-    wr, ratio = 2 * np.pi * mode.resonance, mode.antiresonance / mode.resonance
-    damping = 2 * mode.resonance_damping
-    output = np.array([[ratio**2 - 1, 2 * mode.antiresonance_damping * ratio - damping]]) / ratio**2
-    return control.ss([[0, wr], [-wr, -damping * wr]], [[0], [wr]], output, 1 / ratio**2)
-
-
-def open_loop(gains, model, sample_time):
-    """Return L as a python-control system, error [m] to position [m]."""
-    import control
-
-    tau = gains.derivative_filter
-    loop = plant_system(model, sample_time) * (
-        gains.kp
-        + control.ss(1, 1, gains.ki * sample_time, gains.ki * sample_time, sample_time)
-        + control.tf2ss([gains.kd, -gains.kd], [sample_time + tau, -tau], sample_time)
-    )
-    for stage in (gains.lag, gains.notch):
-        b0, b1, b2, a1, a2 = stage.discrete(sample_time)
-        loop = loop * control.ss([[-a1, -a2], [1, 0]], [[1], [0]], [[b1 - a1 * b0, b2 - a2 * b0]], b0, sample_time)
-    return loop
+def unit_circle(frequency, sample_time):
+    """Return z = exp(j w Ts)."""
+    return np.exp(2j * np.pi * np.asarray(frequency) * sample_time)
 
 
 def stability_margins(gains, model, sample_time):
-    """Return the `Margins` of one axis."""
-    import control
+    """Return the `Margins` of a `PidLaw` on an `AxisModel`."""
+    frequency = design_grid(sample_time)
+    z = unit_circle(frequency, sample_time)
+    loop = gains.response(z, sample_time) * plant_system(model, sample_time)(z)
+    return _margins(frequency, loop, _slowest_pole(gains, model, sample_time))
 
-    loop = open_loop(gains, model, sample_time)
-    frequency = np.arange(1.0, 0.5 / sample_time, 0.25)  # Hz; the sharpest mode is 9 Hz wide
-    z = np.exp(2j * np.pi * frequency * sample_time)
-    response = control.frd(loop(z), 2 * np.pi * frequency, smooth=True)
-    gain, phase, distance, _, crossover, _ = control.stability_margins(response, returnall=True)
-    return Margins(
-        gain_margin=float(20 * np.log10(min(gain[gain > 1], default=np.inf))),
-        phase_margin=float(min(phase, key=abs)),
-        peak_sensitivity=float(1 / distance.min()),
-        crossover=float(crossover.max() / (2 * np.pi)),
-        slowest_pole=float(np.abs(control.feedback(loop, 1).poles()).max()),
+
+def measured_margins(frequency, loop):
+    """
+    Return the `Margins` of a measured open loop `loop` (m,) at `frequency` (m,) [Hz], which must rise.
+
+    They hold within the measured band only, and stability itself is not in them. Of a measured plant P [m/V], which
+    contains computation and hold, the loop is ``gains.response(unit_circle(frequency, Ts), Ts) * P``.
+    """
+    frequency, loop = np.asarray(frequency, dtype=np.float64), np.asarray(loop, dtype=np.complex128)
+    if frequency.ndim != 1 or frequency.size < 2 or loop.shape != frequency.shape:
+        raise PkmError(f'response: frequency {frequency.shape}, loop {loop.shape}; expected two equal (m,), m >= 2')
+    if not (np.isfinite(loop).all() and np.isfinite(frequency).all() and (np.diff(frequency) > 0).all()):
+        raise PkmError('response: expected finite values at rising frequencies')
+    return _margins(frequency, loop, np.nan)
+
+
+def perturbed_models(model, gains=GAIN_SPREAD):
+    """
+    Return the models an axis may really have, the given one first.
+
+    Gain +-20 %, all modes shifted by +-5 %, and every sign of the damping of every anti-resonance: the thesis's print
+    does not tell on which side of the axis the zeros lie, and a change of pose can move them across.
+    """
+    return [
+        model.model_copy(
+            update={
+                'gain': model.gain * gain,
+                'modes': tuple(_shifted(mode, shift, sign) for mode, sign in zip(model.modes, signs, strict=True)),
+            }
+        )
+        for signs in product((1, -1), repeat=len(model.modes))
+        for shift in RESONANCE_SPREAD
+        for gain in gains
+    ]
+
+
+def worst_margins(gains, model, sample_time):
+    """Return the `Margins` of which each is the worst over `perturbed_models`."""
+    frequency = design_grid(sample_time)
+    z = unit_circle(frequency, sample_time)
+    controller, found = gains.response(z, sample_time), []
+    for shape in perturbed_models(model, gains=(1.0,)):
+        loop = controller * plant_system(shape, sample_time)(z)
+        for gain in GAIN_SPREAD:
+            pole = _slowest_pole(gains, shape.model_copy(update={'gain': gain * model.gain}), sample_time)
+            found.append(_margins(frequency, gain * loop, pole))
+    highest = ('peak_sensitivity', 'slowest_pole')
+    return Margins(**{
+        field.name: float((np.max if field.name in highest else np.min)([getattr(each, field.name) for each in found]))
+        for field in fields(Margins)
+    })  # fmt: skip
+
+
+def require_stable(where, gains, model, sample_time):
+    """Refuse a `PidLaw` whose loop on `model` is unstable: `PkmError` with the margin, beginning with `where`."""
+    pole = _slowest_pole(gains, model, sample_time)
+    if pole >= 1:
+        margins = stability_margins(gains, model, sample_time)
+        excess = f', gain margin {-margins.gain_reduction:.1f} dB' if np.isfinite(margins.gain_reduction) else ''
+        raise PkmError(f'{where}: the loop is unstable: slowest pole |z| = {pole:.4f}; allowed below 1{excess}')
+
+
+def _slowest_pole(gains, model, sample_time):
+    return float(np.abs(open_loop(gains, model, sample_time).closed_loop_poles()).max())
+
+
+def _margins(frequency, loop, slowest_pole):
+    figures = np.empty(len(FIGURES))
+    loop_figures(frequency, loop, 1.0, 0.0, figures)
+    return Margins(*figures[1:].tolist(), slowest_pole)
+
+
+def _shifted(mode, shift, sign):
+    return mode.model_copy(
+        update={
+            'resonance': mode.resonance * shift,
+            'antiresonance': mode.antiresonance * shift,
+            'antiresonance_damping': mode.antiresonance_damping * sign,
+        }
     )

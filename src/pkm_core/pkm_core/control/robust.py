@@ -6,7 +6,8 @@ The robust controller of one axis, thesis (7.21)-(7.25), as it runs on every enc
     uf = Kv v + Ka a + Kj j + learned
     u = FL FN (uc + uf), held within +-limit
 
-The feedforward passes the filters. The integrator stands still while u is held and e would drive it further.
+The feedforward passes the filters, so Kv, Ka, Kj hold for filters of any gain at rest. The integrator stands still
+while u is held and e would drive it further.
 """
 
 import math
@@ -18,11 +19,13 @@ from pydantic import Field
 
 from pkm_core.config import Config, Time, find_config, load_config, quantity
 from pkm_core.control import filters
-from pkm_core.control.model import in_joint_order
+from pkm_core.control.margins import require_stable
+from pkm_core.control.model import in_joint_order, load_model
+from pkm_core.control.pid import PidLaw
 from pkm_core.errors import PkmError
 
 
-class RobustGains(Config):
+class RobustGains(PidLaw, Config):
     """Feedback of one axis in physical units (the thesis prints its gains per sample and per count)."""
 
     kp: Annotated[quantity('V/m'), Field(gt=0)]
@@ -32,11 +35,10 @@ class RobustGains(Config):
     lag: filters.Lag
     notch: filters.Notch
 
-    def pid_response(self, z, sample_time, *, integral=1.0, derivative=1.0):
-        """Return KP + `integral` I + `derivative` D [V/m] at the points `z` of the unit circle, z = 1 excluded."""
-        tau, difference = self.derivative_filter, 1 - 1 / z
-        slope = self.kd * difference / (sample_time + tau * difference)
-        return self.kp + integral * self.ki * sample_time / difference + derivative * slope
+    @property
+    def stages(self):
+        """The filters behind the PID, in their order."""
+        return self.lag, self.notch
 
 
 class _Control(Config):
@@ -44,9 +46,22 @@ class _Control(Config):
 
 
 def load_control(machine, name_or_path=None):
-    """Return {joint: RobustGains} of config/control, by default of the file called like the machine."""
+    """
+    Return {joint: RobustGains} of config/control, by default of the file called like the machine.
+
+    Raises
+    ------
+    ConfigError
+        If the file is refused or does not name exactly the machine's joints.
+    PkmError
+        If a loop would be unstable on the model of its axis; the margin is named.
+
+    """
     path = find_config('control', name_or_path or machine.name)
-    return in_joint_order(machine, load_config(path, _Control).joints, path)
+    control = in_joint_order(machine, load_config(path, _Control).joints, path)
+    for joint, model in load_model(machine).items():
+        require_stable(f'{path}: {joint}', control[joint], model, machine.sample_time)
+    return control
 
 
 def feedforward_gains(gains, model, sample_time):
@@ -56,9 +71,10 @@ def feedforward_gains(gains, model, sample_time):
     dl = computation delay and hold (1.5 Ts), current loop, modes, lag and notch, each by its delay of slow signals.
     """
     delay = 1.5 * sample_time + model.low_frequency_delay()
-    for stage in (gains.lag, gains.notch):
+    for stage in gains.stages:
         delay += filters.low_frequency_delay(stage.discrete(sample_time), sample_time)
-    return model.viscosity / model.gain, (1 + model.viscosity * delay) / model.gain, delay / model.gain
+    whole = model.gain * gains.lag.dc_gain  # the notch has 1
+    return model.viscosity / whole, (1 + model.viscosity * delay) / whole, delay / whole
 
 
 @njit(cache=True)
@@ -105,25 +121,31 @@ class RobustController:
     """
 
     def __init__(self, gains, model, sample_time, voltage_limit):
-        self.feedforward_gains = feedforward_gains(gains, model, sample_time)
-        carry = gains.derivative_filter / (gains.derivative_filter + sample_time)
-        slope = gains.kd / (gains.derivative_filter + sample_time)
-        self._parameters = np.array([
-            *(gains.kp, gains.ki * sample_time, slope, carry, voltage_limit),
-            *gains.lag.discrete(sample_time),
-            *gains.notch.discrete(sample_time),
-        ])  # fmt: skip
+        self._model, self._sample_time, self._voltage_limit = model, sample_time, voltage_limit
+        self._take(gains)
         self._state = np.empty(7)  # integral, derivative, previous error, lag (2), notch (2)
         self.reset()
         # numba compiles, or loads what it has compiled, at the first call: here, not in the first tick
         _step(0, 0.0, np.zeros(1), np.zeros(1), self._parameters, self._state.copy())
 
+    def _take(self, gains):
+        self.gains = gains
+        self.feedforward_gains = feedforward_gains(gains, self._model, self._sample_time)
+        carry = gains.derivative_filter / (gains.derivative_filter + self._sample_time)
+        slope = gains.kd / (gains.derivative_filter + self._sample_time)
+        self._parameters = np.array([
+            *(gains.kp, gains.ki * self._sample_time, slope, carry, self._voltage_limit),
+            *gains.lag.discrete(self._sample_time),
+            *gains.notch.discrete(self._sample_time),
+        ])  # fmt: skip
+
     def reset(self):
         """Forget everything: no cycle is loaded and the axis is taken to be at rest."""
         self._state[:] = 0.0
         self._state[2] = np.nan  # no previous error: the first difference is zero, not a kick
-        self._samples = 0
+        self._samples = self._next = 0
         self._reference = self._feedforward = np.empty(0)
+        self._motion = None
 
     def load(self, position, velocity, acceleration, jerk, learned):
         """
@@ -143,12 +165,48 @@ class RobustController:
             if not np.isfinite(row).all():
                 index = int(np.argmin(np.isfinite(row)))
                 raise PkmError(f'cycle: {name} is {row[index]} at sample {index}; expected a finite number')
-        position, velocity, acceleration, jerk, learned = rows
-        kv, ka, kj = self.feedforward_gains
-        feedforward = kv * velocity + ka * acceleration + kj * jerk + learned
+        self._motion = rows[1:]
+        feedforward = self._sum_feedforward()
         # cycles repeat: after the last sample the old feedforward would have gone on with its first one
         self._state[0] += (self._feedforward[0] if self._samples else 0.0) - feedforward[0]
-        self._samples, self._reference, self._feedforward = samples, position, feedforward
+        self._samples, self._next, self._reference, self._feedforward = samples, 0, rows[0], feedforward
+
+    def _sum_feedforward(self):
+        velocity, acceleration, jerk, learned = self._motion
+        kv, ka, kj = self.feedforward_gains
+        return kv * velocity + ka * acceleration + kj * jerk + learned
+
+    def exchange(self, gains):
+        """
+        Go on with other `gains` from the next tick, without a jump of the voltage.
+
+        The derivative is scaled to the new KD, the integrator takes up what else changes in front of the filters, and
+        the filters are set so that their next two outputs are those the old ones would have had.
+
+        Raises
+        ------
+        PkmError
+            If the loop would be unstable on the model of its axis, with the margin; the old gains stay.
+
+        """
+        require_stable('new gains', gains, self._model, self._sample_time)
+        old_gains, old, old_feedforward = self.gains, self._parameters, self._feedforward
+        self._take(gains)
+        new, state = self._parameters, self._state
+        before = after = 0.0
+        if self._samples:
+            self._feedforward = self._sum_feedforward()
+            before, after = (rows[self._next % self._samples] for rows in (old_feedforward, self._feedforward))
+        error = 0.0 if math.isnan(state[2]) else state[2]
+        signal = (old[0] + old[1]) * error + state[0] + old[3] * state[1] + before
+        wanted = signal * old_gains.lag.dc_gain / gains.lag.dc_gain
+        state[1] *= gains.kd / old_gains.kd if old_gains.kd else 0.0
+        state[0] = wanted - (new[0] + new[1]) * error - new[3] * state[1] - after
+        outputs, inputs = np.array([signal, signal]), np.array([wanted, wanted])
+        for begin in (0, 1):
+            b, s = slice(5 + 5 * begin, 10 + 5 * begin), slice(3 + 2 * begin, 5 + 2 * begin)
+            outputs, state[s] = _matching_stage(old[b], new[b], state[s], outputs, inputs)
+            inputs = outputs
 
     def update(self, index, measured):
         """
@@ -164,4 +222,18 @@ class RobustController:
             raise PkmError(f'sample {index}: measured position is {measured}; expected a finite number of metres')
         if not 0 <= index < self._samples:
             raise PkmError(f'sample {index}: the loaded cycle has {self._samples} samples, counted from 0')
+        self._next = index + 1
         return _step(index, measured, self._reference, self._feedforward, self._parameters, self._state)
+
+
+def _matching_stage(old, new, state, old_inputs, new_inputs):
+    """Return the next two outputs of a filter and the state from which a new one has the same; inputs are (2,) each."""
+
+    def free(coefficients, inputs, first):
+        """Return what the inputs and the first output put into the two outputs, the state left out."""
+        b0, b1, _, a1, _ = coefficients
+        return b0 * inputs[0], b0 * inputs[1] + b1 * inputs[0] - a1 * first
+
+    first = state[0] + old[0] * old_inputs[0]
+    outputs = np.array([first, state[1] + free(old, old_inputs, first)[1]])
+    return outputs, outputs - free(new, new_inputs, first)

@@ -1,0 +1,150 @@
+"""
+Computed torque control of the whole machine, thesis (7.13)-(7.17), (8.1)-(8.3).
+
+    e = r - q
+    a = rdd + KD ed + KP e + KI INT e,   ed = (e - e_previous)/Ts
+    F = M(q) a + C(q, rd) + G(q) + B rd,   u = F / thrust per volt, held within +-limit
+
+On a machine that is its model, the error of every axis obeys s^3 + KD s^2 + KP s + KI, whatever the others do.
+M, C, G are those of the nominal design; what an identified axis weighs more is added to its slider, and B is its
+viscous friction. Rates in C and B are the reference's: a difference of two counts is 0.4 mm/s coarse. The integrator
+stands still while u is held and e would drive it further.
+
+The thesis leaves out B, which costs B rd/(M KP) of error, and the loop's delay dl. Here rd and rdd are those of dl
+later, rd + dl rdd and rdd + dl rddd, as the jerk term does it in the robust law: a baseline with the same knowledge.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from numba import njit
+from pydantic import Field
+
+from pkm_core.config import Config, Frequency, Number, find_config, load_config
+from pkm_core.control.margins import require_stable
+from pkm_core.control.model import in_joint_order, load_model
+from pkm_core.control.pid import Pid
+from pkm_core.errors import PkmError
+
+
+class TorqueGains(Config):
+    """Error dynamics of one axis: KP = wn^2, KD = 2 zeta wn, KI = `integral` KD KP, which Routh allows below 1."""
+
+    natural_frequency: Annotated[Frequency, Field(gt=0)]  # wn/(2 pi)
+    damping: Annotated[Number, Field(gt=0)]  # zeta
+    integral: Annotated[Number, Field(ge=0, lt=1)]
+
+    def error_gains(self):
+        """Return KP [1/s^2], KI [1/s^3], KD [1/s]."""
+        wn = 2 * np.pi * self.natural_frequency
+        kp, kd = wn**2, 2 * self.damping * wn
+        return kp, self.integral * kp * kd, kd
+
+    def pid(self, model):
+        """Return the `Pid` [V, m] this is to a single axis with its `AxisModel`, the others being cancelled."""
+        kp, ki, kd = self.error_gains()
+        return Pid(kp / model.gain, ki / model.gain, kd / model.gain)
+
+
+class _Control(Config):
+    joints: dict[str, TorqueGains]
+
+
+def load_torque_control(machine, name_or_path=None):
+    """Return {joint: TorqueGains} of config/control_torque; default and refusals as `robust.load_control`."""
+    path = find_config('control_torque', name_or_path or machine.name)
+    control = in_joint_order(machine, load_config(path, _Control).joints, path)
+    for joint, model in load_model(machine).items():
+        require_stable(f'{path}: {joint}', control[joint].pid(model), model, machine.sample_time)
+    return control
+
+
+@njit(cache=True)
+def _step(error, acceleration, velocity, M, C, G, gains, newton_per_volt, limit, state, voltage):
+    """Advance `state` (2, n) = (integral of e, previous e) by one tick and fill `voltage` (n,); gains: __init__."""
+    n = error.size
+    wanted, integral = np.empty(n), np.empty(n)
+    for i in range(n):
+        kp, ki_ts, kd_over_ts = gains[0, i], gains[1, i], gains[2, i]
+        previous = error[i] if np.isnan(state[1, i]) else state[1, i]
+        integral[i] = state[0, i] + ki_ts * error[i]
+        wanted[i] = acceleration[i] + kd_over_ts * (error[i] - previous) + kp * error[i] + integral[i]
+        state[1, i] = error[i]
+    for i in range(n):
+        thrust = C[i] + G[i] + gains[3, i] * wanted[i] + gains[4, i] * velocity[i]
+        for j in range(n):
+            thrust += M[i, j] * wanted[j]
+        signal = thrust / newton_per_volt
+        voltage[i] = min(max(signal, -limit), limit)
+        if voltage[i] == signal or error[i] * signal <= 0.0:
+            state[0, i] = integral[i]
+
+
+class ComputedTorque:
+    """
+    The controller of all joints; the interface is that of `controllers.make_controller`.
+
+    Parameters
+    ----------
+    machine : Machine
+    control : dict of str to TorqueGains
+        Of `load_torque_control`, in the order of the joints.
+    models : dict of str to AxisModel
+        Of `load_model`, in the same order.
+
+    """
+
+    def __init__(self, machine, control, models):
+        self._machine = machine
+        kp, ki, kd = np.array([gains.error_gains() for gains in control.values()]).T
+        mass = machine.thrust_per_volt / np.array([model.gain for model in models.values()])
+        viscous = mass * [model.viscosity for model in models.values()]
+        added = mass - np.diag(machine.mass_matrix(machine.home))
+        self._gains = np.array([kp, ki * machine.sample_time, kd / machine.sample_time, added, viscous])
+        self._delay = np.array([1.5 * machine.sample_time + model.low_frequency_delay() for model in models.values()])
+        self._design = machine.dynamic_parameters()
+        n = len(machine.joints)
+        self._M, self._C, self._G = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+        self._state = np.empty((2, n))
+        self.reset()
+        # numba compiles, or loads what it has compiled, at the first call: here, not in the first tick
+        self._voltage(machine.home, np.zeros(n), np.zeros(n), np.zeros(n), self._state.copy())
+
+    def reset(self):
+        """Forget everything: no cycle is loaded and the machine is taken to be at rest."""
+        self._state[0], self._state[1] = 0.0, np.nan
+        self._samples = 0
+
+    def load(self, trajectory, learned):
+        """Take the joint trajectory of one cycle and its learned voltage (N, n) [V], which is added to u."""
+        learned = np.array(learned, dtype=np.float64)
+        if trajectory.coordinates != self._machine.joints or learned.shape != trajectory.position.shape:
+            raise PkmError(
+                f'cycle: trajectory of {trajectory.coordinates} {trajectory.position.shape}, learned {learned.shape}; '
+                f'expected {self._machine.joints} and equal shapes'
+            )
+        if not np.isfinite(learned).all():
+            raise PkmError(f'cycle: learned is not finite at sample {np.argwhere(~np.isfinite(learned))[0][0]}')
+        position, velocity, acceleration, jerk = trajectory.derivatives()
+        self._samples, self._position, self._learned = len(trajectory), position, learned
+        self._velocity, self._acceleration = velocity + self._delay * acceleration, acceleration + self._delay * jerk
+
+    def update(self, index, measured):
+        """Return voltages [V] and errors r - q [m], (n,) each, for sample `index` and `measured` positions (n,) [m]."""
+        if not 0 <= index < self._samples:
+            raise PkmError(f'sample {index}: the loaded cycle has {self._samples} samples, counted from 0')
+        if not np.isfinite(measured).all():
+            raise PkmError(f'sample {index}: measured positions are {measured}; expected finite numbers of metres')
+        error = self._position[index] - measured
+        voltage = self._voltage(measured, error, self._velocity[index], self._acceleration[index], self._state)
+        limit = self._machine.voltage_limit
+        return np.clip(voltage + self._learned[index], -limit, limit), error
+
+    def _voltage(self, measured, error, velocity, acceleration, state):
+        machine, voltage = self._machine, np.empty(error.size)
+        machine.terms(measured, velocity, self._design, self._M, self._C, self._G)
+        _step(
+            error, acceleration, velocity, self._M, self._C, self._G, self._gains,
+            machine.thrust_per_volt, machine.voltage_limit, state, voltage,
+        )  # fmt: skip
+        return voltage

@@ -1,0 +1,125 @@
+"""
+All figures a design is judged by, of its model and the worst over the perturbed models, in a fraction of a millisecond.
+
+The responses of the plants are computed once an axis; a candidate law costs its own response and one pass over each
+Nyquist curve.
+"""
+
+import numpy as np
+from numba import njit
+
+from pkm_core.control.margins import GAIN_SPREAD, perturbed_models, unit_circle
+from pkm_core.control.nyquist import FIGURES, loop_figures
+from pkm_core.control.systems import plant_system
+
+_NOMINAL = len(FIGURES)
+COLUMNS = (  # figures of a candidate: of the model, then the worst over the perturbed models
+    *FIGURES,
+    *('band_sensitivity', 'disturbance', 'resonance_peak'),
+    *('worst_gain_margin', 'worst_phase_margin', 'worst_peak_sensitivity', 'worst_resonance_peak', 'unstable'),
+)
+
+
+@njit(cache=True)
+def _evaluate(frequency, controller, plants, spread, start_angle, mode_index, band_index, weight, out):
+    """
+    Write the COLUMNS of one candidate into `out`.
+
+    `controller` (m,) [V/m] and `plants` (p, m) [m/V] are responses at `frequency` (m,) [Hz], the model's own plant
+    first; `spread` (g,) are the factors of the gain, 1 first; `weight` (m,) turns |P S|^2 into the squared D.
+    """
+    figures, n = np.empty(_NOMINAL), _NOMINAL
+    out[n + 3], out[n + 4], out[n + 5], out[n + 6], out[n + 7] = np.inf, np.inf, 0.0, 0.0, 0.0
+    for p in range(plants.shape[0]):
+        loop = controller * plants[p]
+        peak = np.abs(loop[mode_index:]).max()
+        for g in range(spread.size):
+            loop_figures(frequency, loop, spread[g], start_angle, figures)
+            if p == 0 and g == 0:
+                out[:n] = figures
+                out[n + 2] = peak
+            out[n + 3] = min(out[n + 3], figures[1])
+            out[n + 4] = min(out[n + 4], figures[3])
+            out[n + 5] = max(out[n + 5], figures[4])
+            out[n + 6] = max(out[n + 6], peak * spread[g])
+            out[n + 7] += abs(figures[0]) > 1.0  # 0 or a multiple of pi
+    band, disturbance = 0.0, 0.0
+    for k in range(frequency.size):
+        sensitivity = 1.0 / abs(1.0 + controller[k] * plants[0, k])
+        if k < band_index:
+            band = max(band, sensitivity)
+        disturbance += weight[k] * (abs(plants[0, k]) * sensitivity) ** 2
+    out[n], out[n + 1] = band, np.sqrt(disturbance)
+
+
+class AxisFigures:
+    """
+    Judge of the loops of one axis.
+
+    Parameters
+    ----------
+    model : AxisModel
+    sample_time : float
+        Ts [s].
+    bandwidth : float
+        The wanted CLBW [Hz]: 'band_sensitivity' is the largest |S| up to there.
+    resonances_from : float
+        'resonance_peak' is the largest |L| from there on [Hz].
+
+    """
+
+    def __init__(self, model, sample_time, *, bandwidth, resonances_from):
+        self._sample_time = sample_time
+        self._frequency = frequency = _search_grid(model, sample_time)
+        self._z = unit_circle(frequency, sample_time)
+        self._plants = np.array([plant_system(m, sample_time)(self._z) for m in perturbed_models(model, gains=(1.0,))])
+        w, wanted = 2 * np.pi * frequency, 2 * np.pi * bandwidth
+        self._weight = np.gradient(frequency) * (wanted**2.5 / model.gain / w) ** 2
+        self._mode_index = int(np.searchsorted(frequency, resonances_from))
+        self._band_index = int(np.searchsorted(frequency, bandwidth, side='right'))
+        # poles of L at z = 1: position, integral, and without viscosity the speed too
+        self._start_angle = -0.5 * np.pi * (2 + (model.viscosity == 0))
+
+    def __call__(self, law):
+        """Return the COLUMNS (n,) of a `PidLaw` that integrates."""
+        figures = np.empty(len(COLUMNS))
+        _evaluate(
+            self._frequency, law.response(self._z, self._sample_time), self._plants, np.array(GAIN_SPREAD),
+            self._start_angle, self._mode_index, self._band_index, self._weight, figures,
+        )  # fmt: skip
+        return figures
+
+
+def _search_grid(model, sample_time):
+    """Return steps of 2 %, and of a twelfth of its width around where a mode may lie [Hz]."""
+    modes = [
+        np.arange(0.87 * mode.resonance, 1.07 * mode.resonance, 2 * mode.resonance_damping * mode.resonance / 12)
+        for mode in model.modes
+    ]
+    nyquist = 0.5 / sample_time
+    grid = np.concatenate([np.geomspace(0.5, 20.0, 30), np.geomspace(20.5, nyquist, 190), *modes])
+    return np.unique(grid[grid <= nyquist])
+
+
+def by_name(figures):
+    """Return {column: (m,)} of `figures` (m, COLUMNS)."""
+    return dict(zip(COLUMNS, figures.T, strict=True))
+
+
+def violations(figures, limits, *, peaks=True, guard=0.0):
+    """
+    Return how far (m, k) `figures` (m, COLUMNS) are beyond `AllLimits` less a share `guard`; allowed up to 0.
+
+    `peaks` says whether the resonance peaks count.
+    """
+    f = by_name(figures)
+    columns = [f['unstable']]
+    for keep, prefix in ((limits.nominal, ''), (limits.perturbed, 'worst_')):
+        columns += [
+            1 + guard - f[f'{prefix}gain_margin'] / keep.gain_margin,
+            1 + guard - f[f'{prefix}phase_margin'] / np.degrees(keep.phase_margin),
+            f[f'{prefix}peak_sensitivity'] / keep.peak_sensitivity - 1 + guard,
+        ]
+        if peaks:
+            columns.append(f[f'{prefix}resonance_peak'] / keep.resonance_peak - 1 + guard)
+    return np.stack(columns, axis=1)

@@ -1,0 +1,128 @@
+"""
+Error budget: what each source of error does to the end point, to first order, and which ones matter.
+
+A source is one random number, drawn once a machine or at every pose; what it does to links, marks and belts is linear.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pkm_core.design.specimen import BELTS, LINKS, OFFSETS, error_names, nominal_length, sensitivities
+from pkm_core.design.tolerances import LengthSpread
+
+
+@dataclass(frozen=True)
+class Source:
+    """
+    One independent source of error.
+
+    Attributes
+    ----------
+    name, group : str
+        E.g. 'l2', 'link lengths'.
+    spread : Spread
+        Of its random number.
+    each_pose : bool
+        Whether it is drawn anew at every pose, or once a machine.
+    effect : dict
+        {name of a specimen's error: what one unit of the source adds to it}, numbers or arrays (poses,).
+
+    """
+
+    name: str
+    group: str
+    spread: Any
+    each_pose: bool
+    effect: dict[str, Any]
+
+
+def sources(machine, tolerances, q):
+    """Return the tuple of all `Source` of `machine` at the joint positions `q` (poses, n) [m]."""
+    error_names(machine)  # refuses machines without links
+    mechanism, geometry = machine.config.mechanism, machine.config.geometry
+    rounding = LengthSpread(uniform=0.5 * machine.encoder_resolution)
+    links, offsets = LINKS[mechanism], OFFSETS[mechanism]
+    lengths = {link: nominal_length(machine, link) for link in links}
+    lengths |= {offset: getattr(geometry, offset) for offset in offsets}
+    thermal, belts = tolerances.thermal, tolerances.belts
+    return (
+        *(Source(name, 'link lengths', tolerances.links, False, {name: 1.0}) for name in links),
+        *(Source(name, 'offsets', tolerances.offsets, False, {name: 1.0}) for name in offsets),
+        *(Source(name, 'encoder offsets', tolerances.encoder_offsets, False, {name: 1.0}) for name in machine.joints),
+        *(Source(f'{name} rounding', 'encoder resolution', rounding, True, {name: 1.0}) for name in machine.joints),
+        *(Source(name, 'belts', belts.torque, True, {name: 1.0 / belts.stiffness}) for name in BELTS[mechanism]),
+        Source(
+            'links warm',
+            'thermal',
+            thermal.links_warm,
+            False,
+            {name: thermal.links_expand * length for name, length in lengths.items()},
+        ),
+        Source(
+            'scales warm',
+            'thermal',
+            thermal.scales_warm,
+            False,
+            # a longer scale reads less
+            {name: -thermal.scales_expand * q[..., i] for i, name in enumerate(machine.joints)},
+        ),
+    )
+
+
+class LinearBudget(NamedTuple):
+    """First-order budget at some poses; the last axis is that of the machine's coordinates [m, rad]."""
+
+    sources: tuple  # of Source
+    deviations: np.ndarray  # (sources, poses, m): standard deviation that each source alone gives
+
+    def total(self):
+        """Return the standard deviation (poses, m) of all together."""
+        return np.sqrt(np.sum(self.deviations**2, axis=0))
+
+    def shares(self):
+        """Return {group: share (m,) of the variance, mean over the poses}, the largest in position first."""
+        variances = np.mean(self.deviations**2, axis=1)
+        groups = {}
+        for source, variance in zip(self.sources, variances, strict=True):
+            groups[source.group] = groups.get(source.group, 0.0) + variance
+        return dict(_ranked({group: variance / variances.sum(axis=0) for group, variance in groups.items()}))
+
+    def source_deviations(self):
+        """Return {name of source: standard deviation (m,), quadratic mean over the poses}, the largest first."""
+        means = np.sqrt(np.mean(self.deviations**2, axis=1))
+        return dict(_ranked({source.name: mean for source, mean in zip(self.sources, means, strict=True)}))
+
+
+def _ranked(rows):
+    return sorted(rows.items(), key=lambda row: -np.sum(row[1][:3] ** 2))  # by position; phi has another unit
+
+
+def linear_budget(machine, tolerances, q):
+    """
+    Return the `LinearBudget` of `machine` at the joint positions `q` (poses, n) [m].
+
+    Examples
+    --------
+    >>> from pkm_core.design.tolerances import load_tolerances
+    >>> from pkm_core.machines import load_machine
+    >>> planar = load_machine('planar')
+    >>> budget = linear_budget(planar, load_tolerances(), planar.home[np.newaxis])
+    >>> (1e6 * budget.total()).round(2)  # um
+    array([[16.94, 12.97]])
+    >>> list(budget.shares())[0]
+    'link lengths'
+
+    """
+    q = np.asarray(q, dtype=float)
+    all_sources, names = sources(machine, tolerances, q), error_names(machine)
+    S = sensitivities(machine, q, names)
+    deviations = [
+        source.spread.deviation
+        * np.abs(
+            sum(S[..., names.index(name)] * np.asarray(gain)[..., np.newaxis] for name, gain in source.effect.items())
+        )
+        for source in all_sources
+    ]
+    return LinearBudget(all_sources, np.array(deviations))

@@ -1,0 +1,136 @@
+"""Laser measurements at standing poses: encoder readings and end-point displacements from one unknown datum."""
+
+import csv
+from typing import NamedTuple
+
+import numpy as np
+
+from pkm_core.config import Config, find_config, load_config
+from pkm_core.design.specimen import LINKS, OFFSETS, end_point, error_names
+from pkm_core.errors import PkmError, WorkspaceError
+from pkm_core.machines.base import NotNegativeLength, PositiveLength
+from pkm_core.machines.checks import ANGLES
+
+
+class LaserConfig(Config):
+    """What one measurement is worth: model of config/design/laser.yaml."""
+
+    resolution: NotNegativeLength
+    noise: NotNegativeLength
+    rotation_arm: PositiveLength
+
+    def scale(self, machine):
+        """Return what turns a length read by the laser into each coordinate (m,) of `machine`."""
+        return np.array([1.0 / self.rotation_arm if name in ANGLES else 1.0 for name in machine.coordinates])
+
+    def deviation(self, machine, q):
+        """Return the standard deviation (m,) of one measurement at `q` (N, n): laser noise and both roundings."""
+        laser = self.scale(machine) ** 2 * (self.noise**2 + self.resolution**2 / 12.0)
+        encoders = np.sum(machine.jacobian(q) ** 2, axis=-1).mean(axis=0) * machine.encoder_resolution**2 / 12.0
+        return np.sqrt(laser + encoders)
+
+
+class Measurements(NamedTuple):
+    """What calibration may see."""
+
+    q: np.ndarray  # (N, n) encoder readings [m]
+    displacement: np.ndarray  # (N, m) of the end point from the datum, in the machine's coordinates [m, rad]
+
+    def split(self, every=4):
+        """Return (used, held out): every fourth pose is kept for judging."""
+        held = np.arange(len(self.q)) % every == every - 1
+        return tuple(Measurements(self.q[rows], self.displacement[rows]) for rows in (~held, held))
+
+
+def load_laser(name_or_path='laser') -> LaserConfig:
+    """Return the `LaserConfig` of config/design/NAME.yaml or of a path; `ConfigError` if it is refused."""
+    return load_config(find_config('design', name_or_path), LaserConfig)
+
+
+def draw_specimen(machine, tolerances, seed):
+    """Return {name: error} [m] of the links, offsets and encoders of one machine built to `tolerances`."""
+    error_names(machine)  # refuses machines without links
+    draw, mechanism = np.random.default_rng(seed), machine.config.mechanism
+    return {
+        name: float(spread.draw(draw, None))
+        for spread, names in (
+            (tolerances.links, LINKS[mechanism]),
+            (tolerances.offsets, OFFSETS[mechanism]),
+            (tolerances.encoder_offsets, machine.joints),
+        )
+        for name in names
+    }
+
+
+def simulate(machine, errors, laser, q, seed):
+    """
+    Return the `Measurements` of a specimen with `errors` at the commanded joint positions `q` (N, n) [m].
+
+    The sliders stand somewhere within the encoder count that is read; the datum is the end point at the first pose.
+    """
+    draw = np.random.default_rng(seed)
+    step = machine.encoder_resolution
+    reading = step * np.round(np.asarray(q) / step)
+    standing = reading + step * draw.uniform(-0.5, 0.5, reading.shape)
+    pose = end_point(machine, standing, errors)
+    scale = laser.scale(machine)
+    displacement = pose - pose[0] + laser.noise * scale * draw.standard_normal(pose.shape)
+    if laser.resolution > 0.0:
+        displacement = laser.resolution * scale * np.round(displacement / (laser.resolution * scale))
+    return Measurements(reading, displacement)
+
+
+def _columns(machine):
+    """Return [(heading, factor to SI)] of a file of measurements."""
+    lengths = [(f'{name}_urad' if name in ANGLES else f'{name}_um', 1e-6) for name in machine.coordinates]
+    return [*((f'{name}_mm', 1e-3) for name in machine.joints), *lengths]
+
+
+def write_measurements(path, machine, measurements):
+    """Write `measurements` to the CSV file `path`: a heading with units, a row a pose."""
+    columns = _columns(machine)
+    rows = np.hstack(measurements) / [factor for _, factor in columns]
+    with path.open('w', newline='', encoding='utf-8') as file:
+        writer = csv.writer(file)
+        writer.writerow(heading for heading, _ in columns)
+        writer.writerows([f'{value:.6f}' for value in row] for row in rows)
+
+
+def read_measurements(path, machine):
+    """
+    Return the `Measurements` in the CSV file `path`, as `write_measurements` writes them.
+
+    Raises
+    ------
+    PkmError
+        If it cannot be read, its heading is another, or a cell is no finite number; file, line and cell are named.
+
+    """
+    columns = _columns(machine)
+    headings = [heading for heading, _ in columns]
+    try:
+        with open(path, newline='', encoding='utf-8') as file:
+            lines = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError) as error:
+        raise PkmError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}') from None
+    if not lines or [cell.strip() for cell in lines[0]] != headings:
+        raise PkmError(f'{path}: heading {",".join(lines[0]) if lines else ""!r}; expected {",".join(headings)}')
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        if len(line) != len(headings):
+            raise PkmError(f'{path}: line {number} has {len(line)} cells; expected {len(headings)}')
+        for heading, cell in zip(headings, line, strict=True):
+            try:
+                finite = np.isfinite(float(cell))
+            except ValueError:
+                finite = False
+            if not finite:
+                raise PkmError(f'{path}: line {number}: {heading} = {cell!r}; expected a finite number')
+        rows.append([float(cell) for cell in line])
+    values = np.array(rows).reshape(-1, len(headings)) * [factor for _, factor in columns]
+    n = len(machine.joints)
+    try:
+        machine.check_joints(values[:, :n])
+    except WorkspaceError as error:
+        raise PkmError(f'{path}: below the heading, counted from 0, {error}') from None
+    return Measurements(values[:, :n], values[:, n:])

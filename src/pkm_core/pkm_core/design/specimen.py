@@ -1,0 +1,93 @@
+"""
+A built machine that differs from its drawing, and how its end point answers to each difference.
+
+Errors go by name. `l2` ... `k12`: by how much a link is too long [m]. `dx`, `dy`, `dz`: by how much an offset is too
+large [m]. `d1` ... `d7`: reading of an encoder minus position of its slider [m]. `psi_p`, `psi_q`: turn of the platform
+at P, at Q, that its belt lets pass [rad].
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from pkm_core.assembly import Assembly
+from pkm_core.errors import PkmError
+
+LINKS = {'four_dof': ('l2', 'l4', 'l6', 'l8', 'k10', 'k12'), 'planar': ('l2', 'l4')}
+OFFSETS = {'four_dof': ('dx', 'dy', 'dz'), 'planar': ('dy',)}
+BELTS = {'four_dof': ('psi_p', 'psi_q'), 'planar': ('psi_p',)}
+_STEP = 1e-6  # m, rad; of the central differences: leaves 1e-9 of the sensitivity
+
+
+def error_names(machine):
+    """Return the names of all errors a specimen of `machine` can have."""
+    mechanism = machine.config.mechanism
+    if mechanism not in LINKS:
+        raise PkmError(f'{machine.name}: a {mechanism} has no links; known: {sorted(LINKS)}')
+    return (*LINKS[mechanism], *OFFSETS[mechanism], *machine.joints, *BELTS[mechanism])
+
+
+def nominal_length(machine, link):
+    """Return the drawn length [m] of `link`, e.g. 'l4'."""
+    geometry = machine.config.geometry
+    return geometry.k10 if link.startswith('k') else geometry.l2
+
+
+def end_point(machine, q, errors):
+    """
+    Return the pose (..., m) of a specimen of `machine` whose encoders read `q` (..., n) [m].
+
+    `errors` holds numbers or arrays that broadcast with (...,), by name; those not named are zero.
+
+    Examples
+    --------
+    >>> from pkm_core.machines import load_machine
+    >>> planar = load_machine('planar')
+    >>> moved = end_point(planar, planar.home, {'l2': 1e-6}) - planar.forward(planar.home)
+    >>> (1e6 * moved).round(3)  # l / gap and l / 2 Y of (4.9)
+    array([1.167, 0.553])
+
+    """
+    known = error_names(machine)
+    unknown = sorted(set(errors) - set(known))
+    if unknown:
+        raise PkmError(f'{machine.name}: unknown errors {unknown}; known: {list(known)}')
+    mechanism, geometry = machine.config.mechanism, machine.config.geometry
+    specimen = Assembly(
+        mechanism,
+        offsets=SimpleNamespace(
+            **{name: getattr(geometry, name) + errors.get(name, 0.0) for name in OFFSETS[mechanism]}
+        ),
+        lengths={link: nominal_length(machine, link) + errors.get(link, 0.0) for link in LINKS[mechanism]},
+        encoder_offset=None,  # taken off below: it may be another one at each pose
+        payload=None,
+    )
+    q = np.asarray(q, dtype=float)
+    sliders = [q[..., i] - errors.get(joint, 0.0) for i, joint in enumerate(machine.joints)]
+    turns = [errors.get(name, 0.0) for name in ('psi_p', 'psi_q')]  # a planar machine turns no Q
+    shape = np.broadcast_shapes(*(np.shape(part) for part in (*sliders, *errors.values())))
+    stacked = (np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1) for parts in (sliders, turns))
+    return specimen.end_point(*stacked)
+
+
+def sensitivities(machine, q, names=None, errors=None):
+    """
+    Return d end_point / d error (..., m, len(names)) at `q` (..., n), by central differences.
+
+    `names` are all of `error_names` by default, `errors` those of the drawing: none; units m/m, rad/m, m/rad, rad/rad.
+
+    Examples
+    --------
+    >>> from pkm_core.machines import load_machine
+    >>> planar = load_machine('planar')
+    >>> sensitivities(planar, planar.home, ('l2', 'l4', 'dy')).round(4)
+    array([[ 1.1667, -1.1667,  0.    ],
+           [ 0.5534,  0.5534,  1.    ]])
+
+    """
+    names = error_names(machine) if names is None else names
+    at = errors or {}
+    ahead, behind = (
+        [end_point(machine, q, {**at, name: at.get(name, 0.0) + step}) for name in names] for step in (_STEP, -_STEP)
+    )
+    return (np.stack(ahead, axis=-1) - np.stack(behind, axis=-1)) / (2.0 * _STEP)

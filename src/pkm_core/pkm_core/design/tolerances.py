@@ -1,0 +1,80 @@
+"""What an error budget expects of the machines to be built: models of config/design/tolerances.yaml."""
+
+import math
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from pkm_core.config import Config, find_config, load_config, quantity
+
+
+def _spread(unit):
+    """Return the model of a random error held in `unit`."""
+
+    class Spread(Config):
+        """One random error: `normal` with this standard deviation, or `uniform` with this half width."""
+
+        normal: Annotated[quantity(unit), Field(ge=0.0)] | None = None
+        uniform: Annotated[quantity(unit), Field(ge=0.0)] | None = None
+
+        @model_validator(mode='after')
+        def _one_of_them(self):
+            if (self.normal is None) == (self.uniform is None):
+                raise ValueError('give normal or uniform, one of them')
+            return self
+
+        @property
+        def deviation(self):
+            """Standard deviation."""
+            return self.uniform / math.sqrt(3.0) if self.normal is None else self.normal
+
+        def draw(self, generator, size):
+            """Return independent errors of that `size`."""
+            if self.normal is None:
+                return generator.uniform(-self.uniform, self.uniform, size)
+            return self.normal * generator.standard_normal(size)
+
+    return Spread
+
+
+LengthSpread, TorqueSpread, TemperatureSpread = (_spread(unit) for unit in ('m', 'N m', 'K'))
+Expansion = Annotated[quantity('1/K'), Field(ge=0.0)]
+
+
+class BeltTolerances(Config):
+    """Belts that hold the platforms: stiffness and the torque they see."""
+
+    stiffness: Annotated[quantity('N m/rad'), Field(gt=0.0)]
+    torque: TorqueSpread
+
+
+class ThermalTolerances(Config):
+    """Expansion, and how far temperatures stray from the one of calibration."""
+
+    links_expand: Expansion
+    links_warm: TemperatureSpread
+    scales_expand: Expansion
+    scales_warm: TemperatureSpread
+
+
+class Tolerances(Config):
+    """Spreads of everything that moves the end point; the rounding of the encoders is the machine's."""
+
+    links: LengthSpread
+    offsets: LengthSpread
+    encoder_offsets: LengthSpread
+    belts: BeltTolerances
+    thermal: ThermalTolerances
+
+
+def load_tolerances(name_or_path='tolerances') -> Tolerances:
+    """
+    Return the `Tolerances` of config/design/NAME.yaml or of a path; `ConfigError` if they are refused.
+
+    Examples
+    --------
+    >>> round(1e6 * load_tolerances().links.deviation, 6)  # um
+    10.0
+
+    """
+    return load_config(find_config('design', name_or_path), Tolerances)

@@ -1,0 +1,19 @@
+"""The motion that tells the parameters of the basis law apart."""
+
+from scipy.linalg import hadamard
+
+from pkm_core.motions import Motion, Target
+
+
+def training_motion(machine, length=5e-3, move_time=70e-3):
+    """
+    Return the `Motion` of a machine with 2, 4, 8, ... joints in which any two joints move alike as often as oppositely.
+
+    Every row of a Hadamard matrix gives the signs of a move by `length` [m] away from home and of its return; all rows
+    are then driven with opposite signs. So accelerations of partners are orthogonal over a cycle, and every joint
+    crosses its surroundings of home on both sides.
+    """
+    signs = hadamard(len(machine.joints))
+    moves = [way * side * length * row for side in (1, -1) for row in signs for way in (1, -1)]
+    by = [dict(zip(machine.joints, move.tolist(), strict=True)) for move in moves[:-1]]  # every motion ends at home
+    return Motion(machine=machine.name, targets=tuple(Target(by=each) for each in by), move_time=move_time)

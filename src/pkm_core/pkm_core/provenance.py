@@ -1,0 +1,17 @@
+"""Which state of this software is running."""
+
+import subprocess
+from functools import cache
+from pathlib import Path
+
+
+@cache
+def git_revision():
+    """Return the commit of this source tree, '0558f19c1a2b' or, edited, '0558f19c1a2b-dirty'; 'unknown' without git."""
+    command = ['git', 'describe', '--always', '--dirty', '--exclude=*', '--abbrev=12']
+    folder = Path(__file__).resolve().parent
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=10.0, check=True)
+    except (OSError, subprocess.SubprocessError):  # no git, or installed without its repository
+        return 'unknown'
+    return done.stdout.strip()

@@ -1,0 +1,105 @@
+"""One cycle seen in joints, and at the end point: by forward kinematics of the encoders and by the laser."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pkm_core.machines.checks import ANGLES
+from pkm_core.metrics import axis_metrics
+
+# [m] chosen; a rotation counts as the displacement on this radius, as it did for the thesis's laser on an unknown one
+ARM = 50e-3
+
+
+@dataclass(frozen=True)
+class Histories:
+    """Reference and measurement of each axis over one cycle; a row is a sample, a column an axis."""
+
+    cycle: int
+    names: tuple[str, ...]
+    sample_time: float  # [s]
+    reference: np.ndarray  # (N, c) [m, rad]
+    measured: np.ndarray  # (N, c) [m, rad]
+    error: np.ndarray  # (N, c) [m] reference minus measured, rotations on `ARM`
+    move_starts: np.ndarray  # (moves,) [samples]
+    move_ends: np.ndarray
+
+    def metrics(self):
+        """Return {axis: AxisMetrics} over the whole cycle."""
+        return {
+            name: axis_metrics(error, self.move_starts, self.move_ends, self.sample_time)
+            for name, error in zip(self.names, self.error.T, strict=True)
+        }
+
+    def metrics_of_moves(self):
+        """Return {axis: [AxisMetrics of each move and the rest after it]}."""
+        stops = [*self.move_starts[1:], len(self.error)]
+        moves = list(zip(self.move_starts, self.move_ends, stops, strict=True))
+        return {
+            name: [axis_metrics(error[:stop], [start], [end], self.sample_time) for start, end, stop in moves]
+            for name, error in zip(self.names, self.error.T, strict=True)
+        }
+
+
+def joint_histories(record):
+    """Return the `Histories` of the joints of a `CycleRecord`."""
+    return Histories(
+        cycle=record.cycle,
+        names=record.joints,
+        sample_time=record.sample_time,
+        reference=record.reference,
+        measured=record.position,
+        error=record.error,
+        move_starts=record.move_starts,
+        move_ends=record.move_ends,
+    )
+
+
+def end_point_histories(record, machine):
+    """Return the `Histories` of the pose that the encoders of a `CycleRecord` tell by forward kinematics."""
+    measured = machine.forward(record.position)
+    return Histories(
+        cycle=record.cycle,
+        names=record.coordinates,
+        sample_time=record.sample_time,
+        reference=record.pose_reference,
+        measured=measured,
+        error=(record.pose_reference - measured) * _lengths(record.coordinates),
+        move_starts=record.move_starts,
+        move_ends=record.move_ends,
+    )
+
+
+def laser_histories(record):
+    """
+    Return the `Histories` of the displacements that the laser has measured, or None without a laser.
+
+    Reference and measurement count from the rest before the first move, where the laser has no datum in common with us.
+    """
+    if len(record.laser_time) < 2:
+        return None
+    time = np.arange(len(record.ticks)) * record.sample_time
+    reference = np.stack([np.interp(record.laser_time, time, column) for column in record.pose_reference.T], axis=1)
+    sample_time = float(np.median(np.diff(record.laser_time)))
+    starts, ends = (
+        np.searchsorted(record.laser_time, samples * record.sample_time)
+        for samples in (record.move_starts, record.move_ends)
+    )
+    at_rest = slice(max(1, starts[0]))
+    reference = reference - record.pose_reference[0]
+    measured = record.laser - np.mean(record.laser[at_rest], axis=0)
+    return Histories(
+        cycle=record.cycle,
+        names=record.coordinates,
+        sample_time=sample_time,
+        reference=reference,
+        measured=measured,
+        error=(reference - measured) * _lengths(record.coordinates),
+        move_starts=starts,
+        move_ends=ends,
+    )
+
+
+def _lengths(coordinates):
+    """Return the factors that make errors of a pose lengths [m]."""
+    return np.array([ARM if name in ANGLES else 1.0 for name in coordinates])

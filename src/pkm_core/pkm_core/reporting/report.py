@@ -1,0 +1,104 @@
+"""The report of a run: tables and figures on one page, the figures as PNGs beside it."""
+
+from io import BytesIO
+
+from pkm_core.bags import writable_folder
+from pkm_core.errors import BagError
+from pkm_core.provenance import git_revision
+from pkm_core.reporting import figures
+from pkm_core.reporting.histories import ARM
+from pkm_core.reporting.page import figure_fragment, page, remark_fragment, table_fragment
+from pkm_core.reporting.runs import read_runs
+from pkm_core.reporting.summary import cycle_figures, messages
+from pkm_core.reporting.tables import facts_table, messages_table, moves_table, run_figures, space_tables
+
+_ABOUT = (
+    'Errors are reference minus measured; the worst of all moves of a cycle counts. The dynamic error is the largest '
+    'from the start of a move to the end of its profile, and settling counts from there. The steady-state error is the '
+    'mean over the last 10 ms of a rest; at the end point it is what the thesis calls accuracy. '
+    f'phi counts as displacement on {1e3 * ARM:g} mm.'
+)
+_FIGURES = {  # by heading
+    'Error over cycles': [figures.error_over_cycles],
+    'Tracking': [figures.tracking, figures.pose_tracking, figures.error],
+    'Spectrum of the error': [figures.spectrum],
+    'Drive': [figures.voltage],
+    'Settling': [figures.settling, figures.end_point],
+}
+
+
+def write_report(folders, out, on_step=lambda text: None):
+    """
+    Write report.html and a PNG of every figure of the runs in `folders` into the folder `out`.
+
+    Parameters
+    ----------
+    folders : list of Path
+        One run, or two to stand side by side.
+    out : Path
+        Made if need be; what an older report has left there is replaced.
+    on_step : callable
+        Called with what is done next.
+
+    Returns
+    -------
+    runs : list of Run
+    figures : dict
+        Everything the page says in numbers.
+
+    Raises
+    ------
+    PkmError
+        If a folder holds no run, or `out` cannot be written.
+
+    """
+    runs = read_runs(folders, on_step)
+    out = writable_folder(out)
+    numbers = [run_figures(run) for run in runs]
+    counts = [messages(run.records) for run in runs]
+    sections = [
+        ('What ran', [table_fragment(facts_table(runs)), *_remarks(runs)]),
+        ('Tables', [table_fragment(table) for table in space_tables(runs, numbers)] + [remark_fragment(_ABOUT)]),
+    ]
+    try:
+        for heading, drawings in _FIGURES.items():
+            on_step(f'drawing: {heading.lower()}')
+            sections.append((heading, [_draw(drawing, runs, out) for drawing in drawings]))
+        sections[-1][1].extend(table_fragment(moves_table(run)) for run in runs)
+        account = [table_fragment(messages_table(run, count)) for run, count in zip(runs, counts, strict=True)]
+        sections.append(('Messages', account))
+        title = ' beside '.join(f'{run.machine.name}, {run.records[-1].motion}: {run.name}' for run in runs)
+        (out / 'report.html').write_text(page(title, sections), encoding='utf-8')
+    except OSError as error:
+        raise BagError(f'{out}: cannot be written: {error.strerror}') from None
+    return runs, {
+        'runs': [
+            {
+                'folder': str(folder),
+                **run.facts,
+                'cycles': [{'cycle': record.cycle, 'axes': cycle_figures(record)} for record in run.records],
+                **number,
+                'messages': count,
+                'remarks': run.remarks,
+            }
+            for folder, run, number, count in zip(folders, runs, numbers, counts, strict=True)
+        ]
+    }
+
+
+def _remarks(runs):
+    """Return what could not be used, and who has written the page."""
+    remarks = [f'{run.name}: not used: {remark}' for run in runs for remark in run.remarks]
+    return [remark_fragment(text) for text in (*remarks, f'written by pkm report, revision {git_revision()}')]
+
+
+def _draw(drawing, runs, out):
+    """Draw one figure, save it as PNG, and return it as a fragment of the page."""
+    from matplotlib import rc_context
+
+    figure, stream = drawing(runs), BytesIO()
+    figure.savefig(out / f'{drawing.__name__}.png', dpi=110)
+    figure.set_layout_engine('none')  # everything has its place now; finding it again would cost as much as the drawing
+    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'pkm'}):  # text as text, and the same ids every time
+        figure.savefig(stream, format='svg', metadata={'Date': None})
+    return figure_fragment(stream.getvalue(), drawing.__doc__)

@@ -1,0 +1,86 @@
+"""The folder of a run: what `pkm run` says of it, and its bags."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pkm_core.errors import BagError, PkmError
+from pkm_core.machines import load_machine
+from pkm_core.records import read_cycle
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run as read: `records` are its whole cycles in their order, `remarks` say why others are not among them."""
+
+    name: str
+    machine: object
+    facts: dict[str, object]  # what ran
+    records: list
+    remarks: list[str]
+
+    @property
+    def first_and_last(self):
+        """The first and the last cycle; one if there is only one."""
+        return self.records[:1] + self.records[-1:] if len(self.records) > 1 else self.records
+
+
+def read_runs(folders, on_step=lambda text: None):
+    """Return the `Run`s in `folders`, named by their folders, or by their paths where these have the same name."""
+    runs = []
+    for folder in folders:
+        on_step(f'reading {folder}')
+        runs.append(read_run(folder))
+    if len({run.name for run in runs}) < len(runs):
+        runs = [replace(run, name=str(folder)) for run, folder in zip(runs, folders, strict=True)]
+    return runs
+
+
+def read_run(folder):
+    """
+    Return the `Run` in `folder`: the output of `pkm run`, or a folder of bags.
+
+    Raises
+    ------
+    PkmError
+        If there is no whole cycle, cycles of several motions, or nothing says which machine it was.
+
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise PkmError(f'{folder}: no such folder')
+    paths = sorted({file.parent for pattern in ('*/*.mcap', 'bags/*/*.mcap') for file in folder.glob(pattern)})
+    records, remarks = [], []
+    for path in paths:
+        try:
+            record = read_cycle(path)
+        except BagError as error:
+            remarks.append(str(error))
+            continue
+        if record.is_whole:
+            records.append(record)
+        else:
+            remarks.append(f'{path}: ends after {len(record.ticks)} of {record.samples} ticks')
+    if not records:
+        raise PkmError('\n'.join([f'{folder}: has no whole cycle in {len(paths)} bags', *remarks]))
+    motions = sorted({record.motion for record in records})
+    if len(motions) > 1:
+        raise PkmError(f'{folder}: has cycles of several motions, {motions}; expected those of one')
+    # of the facts in the bags those of the run, not those of a cycle
+    facts = {k: v for k, v in records[0].facts.items() if all(record.facts.get(k) == v for record in records)}
+    facts |= _results(folder)
+    if 'machine' not in facts:
+        raise PkmError(f'{folder}: neither results.json nor the bags say which machine it was')
+    return Run(folder.name, load_machine(facts['machine']), facts, records, remarks)
+
+
+def _results(folder):
+    """Return what results.json says beside figures that follow from the bags; nothing if there is none."""
+    file = folder / 'results.json'
+    if not file.exists():
+        return {}
+    try:
+        results = json.loads(file.read_text(encoding='utf-8'))
+        return {key: value for key, value in results.items() if not isinstance(value, (dict, list))}
+    except (OSError, ValueError, AttributeError) as error:
+        raise PkmError(f'{file}: cannot be read as the results of a run: {error}') from None

@@ -1,0 +1,79 @@
+"""What a run of motion cycles has shown: results as data and as a table."""
+
+from collections import Counter
+from math import isnan
+
+from rich.markup import escape
+from rich.table import Table
+
+from pkm_core.thesis import JOINT_SPACE
+
+
+def axis_figures(metrics):
+    """Return the figures of one `AxisMetrics` in um and ms; None where the axis never settles."""
+    return {
+        'max_dynamic_error_um': 1e6 * metrics.max_dynamic_error,
+        'settling_5um_ms': _or_none(1e3 * metrics.settling_time_5um),
+        'settling_1um_ms': _or_none(1e3 * metrics.settling_time_1um),
+        'steady_state_error_um': 1e6 * metrics.steady_state_error,
+    }
+
+
+def _or_none(value):
+    return None if isnan(value) else value
+
+
+def cycle_figures(record):
+    """Return the figures of one `CycleRecord` by joint."""
+    return {joint: axis_figures(metrics) for joint, metrics in zip(record.joints, record.metrics(), strict=True)}
+
+
+def messages(records):
+    """Return {topic: {'recorded': m, 'expected': n or None}} over all `records`."""
+    recorded, expected = Counter(), Counter()
+    for record in records:
+        recorded.update(record.recorded)
+        expected.update(record.expected)
+    return {topic: {'recorded': recorded[topic], 'expected': expected.get(topic)} for topic in sorted(recorded)}
+
+
+def cycles_table(machine_name, records):
+    """Return the table of first against last cycle, each beside what the thesis reports for its machine."""
+    table = Table(title=f'{records[0].motion}, learning law {records[-1].learning_law}', title_justify='left')
+    headings = (
+        *('axis', 'cycle', 'max dynamic\nerror [um]', 'settling to\n5 um [ms]', 'to 1 um\n[ms]', 'steady\nstate [um]'),
+        'thesis: error [um],\nsettling [ms]',
+    )
+    for heading in headings:
+        table.add_column(escape(heading), justify='left' if heading == 'axis' else 'right')
+    shown = records[:1] + records[-1:] if len(records) > 1 else records
+    figures = [cycle_figures(record) for record in shown]
+    for joint in records[0].joints:
+        for row, (record, control) in enumerate(zip(shown, ('robust', 'robust learning'), strict=False)):
+            ours = figures[row][joint]
+            table.add_row(
+                '' if row else joint,
+                str(record.cycle),
+                f'{ours["max_dynamic_error_um"]:.1f}',
+                _or_never(ours['settling_5um_ms']),
+                _or_never(ours['settling_1um_ms']),
+                f'{ours["steady_state_error_um"]:.2f}',
+                _thesis_cell(machine_name, joint, control),
+                end_section=record is shown[-1],
+            )
+    return table
+
+
+def _thesis_cell(machine_name, joint, control):
+    """Return what the thesis reports for one joint under `control`, '' for a machine it has no table of."""
+    table = JOINT_SPACE.get(machine_name)
+    if table is None:
+        return ''
+    column = table.columns.index(control)
+    error, settling = (table.values[name][joint][column] for name in ('max_dynamic_error_um', 'settling_5um_ms'))
+    name = 'learned' if control == 'robust learning' else control
+    return f'{name} {error:5.1f}, {"lost" if settling is None else settling:>4}'
+
+
+def _or_never(value):
+    return 'never' if value is None else f'{value:.1f}'

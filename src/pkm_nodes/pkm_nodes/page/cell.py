@@ -1,0 +1,146 @@
+"""What a client knows of a running cell, from what the cell says; plain data, no ROS calls and no drawing."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from pkm_core.description import joint_positions
+from pkm_core.errors import BagError
+from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.page.trace import Trace, read_trace
+
+# [cycles] how many the page remembers
+_MEMORY = 500
+
+
+def home_pose(machine):
+    """Return {coordinate: value [m, rad]} of `machine` at home."""
+    return dict(zip(machine.coordinates, machine.forward(machine.home).tolist(), strict=True))
+
+
+class Status(StrEnum):
+    """What the machine does."""
+
+    AWAY = 'no cell'
+    STANDING = 'standing'
+    RUNNING = 'running'
+    FAULT = 'fault'
+
+
+@dataclass
+class Notice:
+    """The cell's answer to a button."""
+
+    text: str = ''
+    good: bool = True
+
+
+@dataclass
+class NodeLine:
+    """One row of the table of nodes."""
+
+    name: str
+    good: bool
+    text: str
+
+
+@dataclass(eq=False)
+class Cell:
+    """The state of the cell around `machine`; errors and traces are those of the motion and law that run now."""
+
+    machine: object = None
+    namespace: str = '/pkm'
+    status: Status = Status.AWAY
+    reason: str = ''  # of a fault
+    positions: dict = field(default_factory=dict)  # motors and passive joints [m, rad]
+    pose: dict = field(default_factory=dict)  # by coordinate [m, rad]
+    ticks_per_second: float = 0.0
+    cycle: int = 0
+    motion: str = ''
+    law: str = ''
+    path: np.ndarray | None = None  # (N, 3) planned positions of the tool [m]
+    errors: dict = field(default_factory=dict)  # {cycle: {joint: largest dynamic error [m]}}
+    best_cycle: int = 0  # whose worst axis was best; 0 if none is known
+    measured: int = 0  # changes with `errors`
+    latest: Trace | None = None
+    best: Trace | None = None
+    no_trace: str = ''  # why the latest one is not to be had
+    nodes: list = field(default_factory=list)
+    notice: Notice = field(default_factory=Notice)
+    _reference: bytes = b''
+
+    def __post_init__(self):
+        if self.machine is not None:
+            self._stand_at_home()
+
+    def leave(self):
+        """Note that the cell is gone; its last picture stays."""
+        self.status, self.reason, self.ticks_per_second, self.cycle = Status.AWAY, '', 0.0, 0
+
+    def load(self, motion, law, poses):
+        """Take over the pose trajectory (N, m) of the coming cycle; another motion or law is learned anew."""
+        reference = poses.tobytes()
+        if (motion, law, reference) == (self.motion, self.law, self._reference):
+            return
+        self.motion, self.law, self._reference = motion, law, reference
+        self._forget()
+        self.path = np.zeros((len(poses), 3))
+        for name, column in zip(self.machine.coordinates, poses.T, strict=True):
+            if name in 'xyz':
+                self.path[:, 'xyz'.index(name)] = column
+
+    def hear(self, event):
+        """Take over a CycleEvent."""
+        if event.event == CycleEvent.STARTED:
+            if event.cycle <= max(self.errors, default=0):  # a cell that was started anew counts from 1
+                self._forget()
+            self.cycle, self.status, self.reason = event.cycle, Status.RUNNING, ''
+        elif event.event == CycleEvent.FINISHED:
+            self.status = Status.STANDING
+        elif event.event == CycleEvent.FAULT:
+            self.status, self.reason = Status.FAULT, event.message
+        elif event.event == CycleEvent.RESET:
+            self.status, self.reason = Status.STANDING, ''
+            self._stand_at_home()
+        elif event.event == CycleEvent.REFUSED:
+            self.notice = Notice(f'{event.source}: {event.message}', good=False)
+        elif event.event == CycleEvent.RECORDED:
+            self._read(event.cycle, event.message)
+
+    def measure(self, metrics):
+        """Take over the CycleMetrics of one joint."""
+        self.measured += 1
+        self.errors.setdefault(metrics.cycle, {})[metrics.joint] = metrics.max_dynamic_error
+        if self.worst(metrics.cycle) < (self.worst(self.best_cycle) if self.best_cycle else np.inf):
+            self.best_cycle = metrics.cycle
+            self._keep_best()
+        if len(self.errors) > _MEMORY:
+            del self.errors[min(self.errors.keys() - {self.best_cycle})]
+
+    def worst(self, cycle):
+        """Return the error of the worst axis of `cycle` [m], nan while not all axes are known."""
+        errors = self.errors.get(cycle, {})
+        return max(errors.values()) if len(errors) == len(self.machine.joints) else np.nan
+
+    def _read(self, cycle, path):
+        try:
+            self.latest = read_trace(path, cycle, self.machine.joints, self.namespace)
+        except BagError as error:
+            self.no_trace = str(error)
+            return
+        self.no_trace = ''
+        self._keep_best()
+
+    def _keep_best(self):
+        """Keep the trace of the best cycle; metrics and bag of a cycle come in any order."""
+        if self.latest is not None and self.latest.cycle == self.best_cycle:
+            self.best = self.latest
+
+    def _stand_at_home(self):
+        self.positions = joint_positions(self.machine, self.machine.home)
+        self.pose = home_pose(self.machine)
+
+    def _forget(self):
+        self.measured += 1
+        self.errors, self.best_cycle, self.latest, self.best = {}, 0, None, None

@@ -1,0 +1,71 @@
+"""The curves of the page: error of the latest and of the best cycle, convergence, motor currents."""
+
+from itertools import cycle
+
+import numpy as np
+
+_COLOURS = ('#1f77b4', '#ff7f0e', '#2ca02c', '#d62728')
+_HEIGHT = 160  # [px] four charts and their titles are as high as a window of 920 px
+# more points than a chart has pixels are not to be seen
+_POINTS = 700
+
+
+class Charts:
+    """Four uPlot charts and their legend in the current container of a viser GUI."""
+
+    def __init__(self, gui, machine):
+        self._joints = machine.joints
+        self._sample_time = machine.sample_time
+        gain = machine.config.drive.amplifier_gain
+        self._colours = dict(zip(self._joints, cycle(_COLOURS), strict=False))
+        names = ' '.join(f'<b style="color:{colour}">&#9632; {j}</b>' for j, colour in self._colours.items())
+        gui.add_html(f'<div style="font-size:12px;padding:2px 14px">{names}, time in ms</div>')
+        self._error = self._add(gui)
+        self._best_error = self._add(gui)
+        self._convergence = self._add(gui, logarithmic=True)
+        self._convergence.title = 'Largest dynamic error [um] by cycle'
+        self._current = self._add(gui)
+        self._by_trace = (  # chart, words, which trace of the cell, values of a trace
+            (self._error, 'Error of the latest cycle [um]', 'latest', lambda trace: 1e6 * trace.error),
+            (self._best_error, 'Error of the best cycle [um]', 'best', lambda trace: 1e6 * trace.error),
+            (self._current, 'Motor currents of the latest cycle [A]', 'latest', lambda trace: gain * trace.voltage),
+        )
+        self._shown = {}
+
+    def show(self, cell):
+        """Draw what has changed."""
+        for chart, words, name, values in self._by_trace:
+            trace = getattr(cell, name)
+            if self._is_new(words, trace):
+                chart.title = f'{words}: cycle {trace.cycle}' if trace else words
+                self._show_trace(chart, values(trace) if trace else np.full((2, len(self._joints)), np.nan))
+        if self._is_new('convergence', cell.measured):
+            self._show_convergence(cell.errors)
+
+    def _is_new(self, name, what):
+        new = name not in self._shown or self._shown[name] != what
+        self._shown[name] = what
+        return new
+
+    def _add(self, gui, *, logarithmic=False):
+        line = {'width': 1.3, 'points': {'show': logarithmic, 'size': 5.0}}
+        series = ({}, *({'label': j, 'stroke': colour, **line} for j, colour in self._colours.items()))
+        return gui.add_uplot(
+            tuple(np.full(2, np.nan) for _ in series),
+            series,
+            scales={'x': {'time': False}, 'y': {'distr': 3} if logarithmic else {}},
+            axes=({'size': 24.0}, {'size': 44.0}),
+            legend={'show': False},
+            height=_HEIGHT,
+            padding=(10, 12, 0, 0),
+        )
+
+    def _show_trace(self, chart, rows):
+        keep = slice(None, None, max(1, len(rows) // _POINTS))
+        milliseconds = 1e3 * self._sample_time * np.arange(len(rows))
+        chart.data = (milliseconds[keep], *np.ascontiguousarray(rows[keep].T))
+
+    def _show_convergence(self, errors):
+        cycles = sorted(errors) or [1]
+        rows = [[1e6 * errors.get(number, {}).get(joint, np.nan) for number in cycles] for joint in self._joints]
+        self._convergence.data = (np.array(cycles, dtype=float), *map(np.array, rows))

@@ -1,0 +1,110 @@
+"""The page in the browser: a viser server with the machine in the middle, buttons left and curves right."""
+
+import os
+import socket
+from contextlib import redirect_stdout
+from errno import errorcode
+from io import StringIO
+from queue import Empty, SimpleQueue
+
+import viser
+
+from pkm_core.errors import PkmError
+from pkm_nodes.page.charts import Charts
+from pkm_nodes.page.controls import Controls
+from pkm_nodes.page.panels import nodes_html, notice_html, status_html
+from pkm_nodes.page.scene import Scene
+
+# [px] together they leave the machine 490 px of a window of 1200
+_LEFT, _RIGHT = 315, 395
+
+
+class Page:
+    """
+    Serves the page until `close`; buttons may be pressed in any browser, and everybody sees the same.
+
+    Parameters
+    ----------
+    host, port
+        Where to listen.
+
+    Raises
+    ------
+    PkmError
+        If that cannot be had.
+
+    """
+
+    def __init__(self, host, port):
+        _check_free(host, port)
+        self._wishes = SimpleQueue()  # viser calls back in threads of its own; ROS is served in one
+        self._machine = None
+        self._parts = ()
+        self._texts = {}
+        with redirect_stdout(StringIO()):  # the address is announced by whoever starts the page
+            self._server = viser.ViserServer(host=host, port=port, verbose=False)
+        self._server.scene.set_up_direction('+z')
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False)  # sharing is a tunnel to outside
+        self._build(None)
+
+    def wishes(self):
+        """Return the buttons pressed since the last call, each (name, *arguments)."""
+        found = []
+        while True:
+            try:
+                found.append(self._wishes.get_nowait())
+            except Empty:
+                return found
+
+    def show(self, cell):
+        """Bring the page up to date with `cell`."""
+        if cell.machine is not self._machine:
+            self._build(cell.machine)
+        with self._server.atomic():
+            for part in self._parts:
+                part.show(cell)
+            for make, element in self._texts.items():
+                text = make(cell)
+                if text != element.content:
+                    element.content = text
+
+    @property
+    def address(self):
+        """The address to open in a browser on this computer."""
+        return f'http://{self._server.get_host()}:{self._server.get_port()}'
+
+    def close(self):
+        """End the server; browsers keep the last picture and come back to the next server on this port."""
+        self._server.stop()
+
+    def _build(self, machine):
+        """Make the page anew for `machine`, None while there is no cell."""
+        self._machine = machine
+        gui, scene = self._server.gui, self._server.scene
+        gui.reset()
+        scene.reset()
+        gui.set_panel_label('Cell' if machine is None else f'Cell: {machine.name}')
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(_LEFT)
+        self._parts, self._texts = (), {make: gui.add_html('') for make in (status_html, notice_html)}
+        if machine is None:
+            return
+        drawing = Scene(scene, self._server.initial_camera, machine)
+        Controls(gui, machine, lambda *wish: self._wishes.put(wish), drawing.aim)
+        with gui.add_folder('Nodes'):
+            self._texts[nodes_html] = gui.add_html('')
+        panel = gui.add_panel()
+        with panel.add_tab('Cycles'):
+            charts = Charts(gui, machine)
+        panel.dock_right()
+        panel.set_width(_RIGHT)
+        self._parts = (drawing, charts)
+
+
+def _check_free(host, port):
+    """Refuse a port that is taken; viser would quietly take the next one."""
+    try:
+        socket.create_server((host, port), family=socket.AF_INET6 if ':' in host else socket.AF_INET).close()
+    except (OSError, OverflowError) as error:
+        reason = os.strerror(error.errno) if getattr(error, 'errno', None) in errorcode else error
+        raise PkmError(f'page: cannot listen on {host} port {port}: {reason}; choose another with --port') from None

@@ -1,0 +1,113 @@
+"""The verbs of the design tools: what they print and write, and that a refusal is one line."""
+
+import json
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from pkm_core.errors import PkmError
+from pkm_core.verbs import budget, calibrate, singularity, tolerance, workspace
+
+RUN = CliRunner()
+
+
+def call(verb, *options, folder=None):
+    """Return (text, JSON) of `pkm VERB options`."""
+    app = typer.Typer()
+    app.command()(verb)
+    if folder is not None:
+        options = (*options, '--out', str(folder), '--json', str(folder / 'figures.json'))
+    result = RUN.invoke(app, list(options), catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output, json.loads((folder / 'figures.json').read_text()) if folder else None
+
+
+def pictures(folder):
+    return sorted(path.stem for path in folder.glob('*.png'))
+
+
+def test_workspace_of_the_planar_machine_stands_beside_table_7_5(tmp_path):
+    text, figures = call(workspace.workspace, '--machine', 'planar', '--samples', '20000', folder=tmp_path)
+    assert '40 x 20.29 mm; Table 7.5: 40 x 21 mm' in text
+    assert figures['volumes']['exact: integral of abs(det J)']['value'] == pytest.approx(392.0938, abs=1e-4)
+    assert pictures(tmp_path) == ['workspace']
+
+
+@pytest.mark.slow
+def test_workspace_of_the_four_dof_draws_every_figure_and_surface(tmp_path):
+    import trimesh
+
+    _, figures = call(workspace.workspace, folder=tmp_path)
+    assert pictures(tmp_path) == ['exact_boundary', *(f'fig_3_{number}' for number in range(1, 10))]
+    assert figures['slices'] == 16
+    assert figures['volumes']['exact: closed form']['value'] == pytest.approx(1330.0, abs=10.0)
+    for name in ('contours', 'envelope'):
+        for suffix in ('stl', 'ply'):
+            assert trimesh.load_mesh(tmp_path / f'{name}.{suffix}').is_watertight
+
+
+def test_singularity_tells_the_proof_and_draws_the_maps(tmp_path):
+    text, figures = call(singularity.singularity, '--samples', '5000', folder=tmp_path)
+    assert 'No singular position within the travel: proven with' in text
+    assert 0.0 < figures['certificate']['abs(det J)']['proven'] < 0.0115
+    assert pictures(tmp_path) == ['determinants', 'singularity_map']
+
+
+@pytest.mark.slow
+def test_tolerance_prints_the_thesis_beside_ours(tmp_path):
+    text, figures = call(tolerance.tolerance, folder=tmp_path)
+    for number in range(1, 6):
+        assert f'Table 4.{number}' in text
+    assert '626.627' in text
+    assert len(figures['objectives']) == 12
+    assert pictures(tmp_path) == ['fig_4_3', 'fig_4_4', 'fig_4_5', 'fig_4_6', 'fig_4_7', 'pareto']
+
+
+def test_budget_ranks_the_sources(tmp_path):
+    text, figures = call(budget.budget, '--machines', '2000', '--poses', '8', folder=tmp_path)
+    assert '2000 machines at 8 poses' in text
+    assert next(iter(figures['shares_of_variance'])) == 'link lengths'
+    assert pictures(tmp_path) == ['budget_contributions', 'budget_distribution', 'budget_map']
+
+
+def test_calibrate_takes_the_measurements_of_a_simulation_as_its_own(tmp_path):
+    _, simulated = call(calibrate.calibrate, folder=tmp_path)
+    again = tmp_path / 'again'
+    again.mkdir()
+    _, figures = call(calibrate.calibrate, '--measurements', str(tmp_path / 'measurements.csv'), folder=again)
+    for title in ('drawing', 'calibrated'):
+        assert figures['errors'][title] == pytest.approx(simulated['errors'][title], rel=1e-3)
+    assert figures['errors']['calibrated']['x_um'] < 0.2 * figures['errors']['drawing']['x_um']
+    assert (again / 'calibration.yaml').is_file()
+    assert pictures(again) == ['calibration']
+
+
+@pytest.mark.parametrize(
+    ('verb', 'options', 'message'),
+    [
+        (workspace.workspace, ['--orientation', '-10', '--samples', '1000'], 'empty workspace'),
+        (workspace.workspace, ['--dexterous', '-43', '-47', '--samples', '1000'], 'inverted'),
+        (workspace.workspace, ['--cell', '0', '--samples', '1000'], 'cell 0 mm; allowed above 0 mm'),
+        (tolerance.tolerance, ['--machine', 'planar'], 'the error matrix is that of a four_dof'),
+        (tolerance.tolerance, ['--workspace', 'nowhere'], "'nowhere' is unknown"),
+        (budget.budget, ['--machine', 'xy_stage'], 'has no links'),
+        (budget.budget, ['--scheduler', 'nobody', '--machines', '10'], "dask scheduler 'nobody'"),
+        (calibrate.calibrate, ['--measurements', 'none.csv'], 'cannot be read'),
+    ],
+)
+def test_refusals_name_what_is_wrong(verb, options, message):
+    with pytest.raises(PkmError, match=message):
+        call(verb, *options)
+
+
+@pytest.mark.parametrize(
+    ('verb', 'options'),
+    [(tolerance.tolerance, ['--arm', 'inf']), (workspace.workspace, ['--dexterous', '-47', 'nan'])],
+)
+def test_options_that_are_not_finite_are_refused(verb, options):
+    app = typer.Typer()
+    app.command()(verb)
+    result = RUN.invoke(app, options)
+    assert result.exit_code == 2
+    assert 'expected finite numbers' in ' '.join(result.output.replace('│', ' ').split())

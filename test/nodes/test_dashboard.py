@@ -1,0 +1,238 @@
+"""Node dashboard: what the cell says in, goals and service calls out; the page itself is test/system/test_page.py."""
+
+import math
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from pkm_core.bags import BagWriter
+from pkm_core.description import joint_positions
+from pkm_core.errors import BagError
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
+from pkm_nodes.dashboard import DashboardNode
+from pkm_nodes.machine import MachineNode
+from pkm_nodes.page.cell import Cell, Status
+from pkm_nodes.page.panels import nodes_html, notice_html, status_html
+from pkm_nodes.page.trace import read_trace
+from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+
+
+@pytest.fixture
+def cell(machine):
+    return Cell(machine)
+
+
+@pytest.fixture
+def dashboard(graph):
+    return graph.start(DashboardNode)
+
+
+def record(folder, joints, errors, voltages, *, name='bag'):
+    """Write a bag that holds the commands of one cycle; errors and voltages are (N, n)."""
+    topics = {f'/pkm/{joint}/command': 'pkm_interfaces/msg/MotorCommand' for joint in joints}
+    bag = BagWriter(folder / name, topics, {})
+    for tick, (error, voltage) in enumerate(zip(errors, voltages, strict=True), start=100):
+        for topic, e, v in zip(topics, error, voltage, strict=True):
+            bag.write(topic, serialize_message(MotorCommand(tick=tick, cycle=1, error=e, voltage=v)), tick)
+    bag.close({})
+    return folder / name
+
+
+def measure(cell, cycle, *errors):
+    for joint, error in zip(cell.machine.joints, errors, strict=True):
+        cell.measure(CycleMetrics(cycle=cycle, joint=joint, max_dynamic_error=error))
+
+
+# a Cell, without ROS
+
+
+def test_best_cycle_is_that_of_the_best_worst_axis(cell):
+    measure(cell, 1, 9e-6, 1e-6, 1e-6, 1e-6)
+    assert (cell.best_cycle, cell.worst(1)) == (1, 9e-6)
+    cell.measure(CycleMetrics(cycle=2, joint='d1', max_dynamic_error=1e-9))
+    assert math.isnan(cell.worst(2))
+    assert cell.best_cycle == 1, 'not all axes of cycle 2 are known'
+    measure(cell, 2, 2e-6, 3e-6, 2e-6, 2e-6)
+    measure(cell, 3, 4e-6, 1e-6, 1e-6, 1e-6)
+    assert (cell.best_cycle, cell.worst(2)) == (2, 3e-6)
+
+
+def test_best_cycle_is_remembered_when_old_ones_are_forgotten(cell):
+    for cycle in range(1, 700):
+        measure(cell, cycle, *4 * [1e-6 if cycle == 3 else 2e-6])
+    assert len(cell.errors) == 500
+    assert cell.worst(cell.best_cycle) == 1e-6
+
+
+@pytest.mark.parametrize(
+    ('motion', 'law', 'scale', 'kept'),
+    [
+        ('short', 'fourier', 1.0, True),
+        ('short', 'none', 1.0, False),
+        ('other', 'fourier', 1.0, False),
+        ('short', 'fourier', 1.1, False),
+    ],
+)
+def test_errors_are_kept_only_while_motion_and_law_stay_the_same(cell, motion, law, scale, kept):
+    poses = np.tile(cell.machine.forward(cell.machine.home), (5, 1))
+    cell.load('short', 'fourier', poses)
+    measure(cell, 1, *4 * [1e-6])
+    cell.load(motion, law, scale * poses)
+    assert (cell.errors != {}) == kept
+    assert cell.path == pytest.approx(scale * poses[:, :3])
+
+
+def test_cell_that_was_started_anew_counts_from_one(cell):
+    cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=5))
+    measure(cell, 5, *4 * [1e-6])
+    cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=6))
+    assert cell.errors
+    cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=1))
+    assert not cell.errors
+    assert cell.cycle == 1
+
+
+def test_events_tell_what_the_machine_does(cell, machine):
+    story = [
+        (CycleEvent.STARTED, Status.RUNNING, ''),
+        (CycleEvent.FAULT, Status.FAULT, 'd1 has hit its stop'),
+        (CycleEvent.RESET, Status.STANDING, ''),
+        (CycleEvent.STARTED, Status.RUNNING, ''),
+        (CycleEvent.FINISHED, Status.STANDING, ''),
+    ]
+    for cycle, (event, status, reason) in enumerate(story, start=1):
+        cell.positions = {}
+        cell.hear(CycleEvent(event=event, cycle=cycle, message='d1 has hit its stop'))
+        assert (cell.status, cell.reason) == (status, reason)
+        if event == CycleEvent.RESET:
+            assert cell.positions == joint_positions(machine, machine.home)
+
+
+def test_trace_is_what_the_commands_in_the_bag_say(cell, tmp_path):
+    random = np.random.default_rng(1)
+    errors, voltages = random.normal(size=(2, 30, 4)).tolist()
+    bag = record(tmp_path, cell.machine.joints, errors, voltages)
+    trace = read_trace(bag, 7, cell.machine.joints, '/pkm')
+    assert trace.cycle == 7
+    assert np.array_equal(trace.error, errors)
+    assert np.array_equal(trace.voltage, voltages)
+
+
+@pytest.mark.parametrize('bag_first', [True, False])
+def test_best_trace_is_that_of_the_best_cycle(cell, tmp_path, bag_first):
+    zeros = np.zeros((3, 4)).tolist()
+    for cycle, error in ((1, 5e-6), (2, 1e-6), (3, 2e-6)):
+        bag = record(tmp_path, cell.machine.joints, zeros, zeros, name=f'bag{cycle}')
+        event = CycleEvent(event=CycleEvent.RECORDED, cycle=cycle, message=str(bag))
+        steps = [lambda event=event: cell.hear(event), lambda c=cycle, e=error: measure(cell, c, *4 * [e])]
+        for step in steps if bag_first else reversed(steps):
+            step()
+    assert (cell.best.cycle, cell.latest.cycle) == (2, 3)
+
+
+def test_bag_that_is_not_to_be_had_is_said_and_the_last_trace_stays(cell, tmp_path):
+    zeros = np.zeros((3, 4)).tolist()
+    bag = record(tmp_path, cell.machine.joints, zeros, zeros)
+    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, message=str(bag)))
+    assert cell.latest.cycle == 1
+    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=2, message=str(tmp_path / 'elsewhere')))
+    assert cell.latest.cycle == 1
+    assert cell.no_trace == f'{tmp_path / "elsewhere"}: no such bag on this computer'
+
+
+def test_bag_that_is_none_of_this_cell_is_refused(cell, tmp_path):
+    bag = record(tmp_path, ('x', 'y'), np.zeros((3, 2)).tolist(), np.zeros((3, 2)).tolist())
+    with pytest.raises(BagError, match=r'holds no tick that every joint of \[.d1'):
+        read_trace(bag, 1, cell.machine.joints, '/pkm')
+    (next(bag.glob('*.mcap'))).write_bytes(b'\x89MCAP0\r\nnonsense')
+    with pytest.raises(BagError, match='cannot be read as a bag of this cell'):
+        read_trace(bag, 1, cell.machine.joints, '/pkm')
+
+
+def test_text_from_the_graph_is_shown_as_text(cell):
+    cell.hear(CycleEvent(event=CycleEvent.FAULT, message='<script>'))
+    cell.hear(CycleEvent(event=CycleEvent.REFUSED, source='<b>', message='<i>'))
+    cell.motion = '<u>'
+    for html in (status_html(cell), notice_html(cell), nodes_html(cell)):
+        assert not any(tag in html for tag in ('<script>', '<b>', '<i>', '<u>'))
+
+
+# the node
+
+
+def test_machine_is_known_by_its_parameter_also_after_another_has_come(graph, dashboard):
+    assert dashboard.cell.machine is None
+    first = graph.start(MachineNode, machine='four_dof')
+    graph.spin_until(lambda: dashboard.cell.status == Status.STANDING, 'a standing machine')
+    assert dashboard.cell.machine.name == 'four_dof'
+    graph.stop(first)
+    graph.spin_until(lambda: dashboard.cell.status == Status.AWAY, 'the end of the machine')
+    graph.start(MachineNode, machine='planar')
+    graph.spin_until(lambda: dashboard.cell.status == Status.STANDING, 'a standing machine')
+    assert dashboard.cell.machine.name == 'planar'
+    metrics = graph.publisher(CycleMetrics, 'd3/cycle_metrics')
+    metrics.publish(CycleMetrics(cycle=4, joint='d3', max_dynamic_error=1e-6))
+    graph.spin_until(lambda: dashboard.cell.errors == {4: {'d3': 1e-6}}, 'metrics of the new machine')
+
+
+def test_nodes_that_are_missing_or_doubled_are_named(graph, dashboard):
+    graph.start(MachineNode)
+    first, second = graph.start(TrajectoryGeneratorNode), graph.start(TrajectoryGeneratorNode)
+
+    def states():
+        return {line.name: (line.good, line.text) for line in dashboard.cell.nodes}
+
+    graph.spin_until(lambda: states().get('machine') == (True, 'standing'), 'the diagnostics of the machine')
+    assert states()['trajectory_generator'] == (False, '2 of that name')
+    assert states()['linear_motor_d1'] == (True, 'up')
+    assert states()['learning'] == (False, 'missing')
+    assert 'recorder' not in states(), 'a cell may run without one'
+    graph.stop(first)
+    graph.stop(second)
+
+
+def test_refused_goals_show_the_reason(graph, dashboard):
+    graph.start(MachineNode)
+    graph.start(TrajectoryGeneratorNode)
+    graph.spin_until(lambda: dashboard.cell.machine, 'the machine to be known')
+    for wish, text in (
+        (('run', 'no_such_motion', 1, 'none'), "'no_such_motion' is unknown"),
+        (('visit', {'x': 0.5, 'y': 0.0, 'z': 0.0, 'phi': 0.0}), 'mm; allowed '),
+    ):
+        dashboard.fulfil(wish)
+        graph.spin_until(lambda text=text: text in dashboard.cell.notice.text, 'the refusal')
+        assert not dashboard.cell.notice.good
+
+
+def test_buttons_without_a_cell_say_who_is_missing(graph, dashboard, machine):
+    dashboard.cell = Cell(machine)
+    for wish, missing in (
+        (('run', 'four_dof_70ms', 1, 'none'), 'trajectory_generator'),
+        (('visit', dict.fromkeys(machine.coordinates, 0.0)), 'trajectory_generator'),
+        (('stop',), 'trajectory_generator'),
+        (('reset',), 'machine'),
+    ):
+        dashboard.fulfil(wish)
+        assert f'no {missing} offers' in dashboard.cell.notice.text
+        assert not dashboard.cell.notice.good
+
+
+def test_stop_cancels_the_goal_of_another_client_too(graph, dashboard):
+    graph.start(MachineNode)
+    graph.start(TrajectoryGeneratorNode)
+    other = graph.start(DashboardNode)
+    graph.spin_until(lambda: dashboard.cell.machine and other.cell.machine, 'the machine to be known')
+    other.fulfil(('run', 'four_dof_70ms', 3, 'none'))  # waits for joint controllers that do not exist
+    graph.spin_until(lambda: other.cell.motion, 'the goal to be planned')
+    dashboard.fulfil(('stop',))
+    graph.spin_until(lambda: 'stop: 1 goal(s)' in dashboard.cell.notice.text, 'the goal to be cancelled')
+
+
+def test_reset_shows_the_answer_of_the_machine(graph, dashboard):
+    graph.start(MachineNode)
+    graph.spin_until(lambda: dashboard.cell.machine, 'the machine to be known')
+    dashboard.fulfil(('reset',))
+    graph.spin_until(lambda: dashboard.cell.notice.text, 'the answer')
+    assert dashboard.cell.notice.text == 'reset: at home; there was no fault'
+    assert dashboard.cell.notice.good

@@ -1,0 +1,126 @@
+"""docs/interfaces.md says what the nodes do: every topic with its type and QoS, every service and action."""
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from rclpy.action import get_action_names_and_types
+from rclpy.parameter import Parameter
+
+from pkm_nodes.cell import NODES
+from pkm_nodes.dashboard import DashboardNode
+from pkm_nodes.graph import cell_nodes
+from pkm_nodes.ros2.shared import find_interface
+
+ROOT = Path(__file__).parents[2]
+LAYOUTS = ROOT / 'src' / 'pkm_nodes' / 'layouts'
+# what rclpy gives every node
+OF_ROS = re.compile(r'/rosout|/parameter_events|.*/_action/.*|.*/(describe|get|list|set)_(parameter|type_desc).*')
+
+
+def tables(heading):
+    """Return the rows of the table below `heading`, each {column: text}."""
+    text = (ROOT / 'docs' / 'interfaces.md').read_text(encoding='utf-8')
+    lines = re.split(r'^#+ ', text, flags=re.MULTILINE)
+    section = next(part for part in lines if part.startswith(heading + '\n'))
+    rows = [[cell.strip() for cell in line.strip('|').split('|')] for line in section.splitlines() if line[:1] == '|']
+    return [dict(zip(rows[0], row, strict=True)) for row in rows[2:]]
+
+
+def for_joints(name, joints):
+    return [name.strip('`').replace('<joint>', joint) for joint in (joints if '<joint>' in name else joints[:1])]
+
+
+@pytest.fixture
+def documented(machine):
+    """Return {topic: (type, reliability, durability, depth)} of the page."""
+    profiles = {row['name']: (row['reliability'], row['durability'], int(row['depth'])) for row in tables('QoS')}
+    return {
+        topic: (row['type'], *profiles[row['QoS']])
+        for row in tables('Topics')
+        for topic in for_joints(row['topic'], machine.joints)
+    }
+
+
+@pytest.fixture
+def nodes(graph, tmp_path):
+    """Return all nodes of a cell, and the page's."""
+    made = [DashboardNode()]
+    for spec in cell_nodes('four_dof', folder=tmp_path):
+        parameters = [Parameter(name, value=value) for name, value in spec.parameters.items()]
+        named = {} if spec.name == spec.executable else {'name': spec.name}
+        node = NODES[spec.executable](parameter_overrides=parameters, **named)
+        made += [node, *getattr(node, 'motors', [])]
+    yield made
+    for node in made:
+        node.destroy_node()
+
+
+def type_name(message_type):
+    return f'{message_type.__module__.split(".")[0]}/{message_type.__module__.split(".")[1]}/{message_type.__name__}'
+
+
+def test_every_topic_is_documented_with_its_type_and_qos(nodes, documented):
+    offered = {}
+    for node in nodes:
+        for publisher in node.publishers:
+            if not OF_ROS.fullmatch(publisher.topic_name):
+                qos = publisher.qos_profile
+                profile = (qos.reliability.name.lower(), qos.durability.name.lower(), qos.depth)
+                offered[publisher.topic_name] = (type_name(publisher.msg_type), *profile)
+    assert offered == documented
+
+
+def test_nobody_listens_to_what_nobody_says(nodes, documented):
+    for node in nodes:
+        for subscription in node.subscriptions:
+            if not OF_ROS.fullmatch(subscription.topic_name):
+                assert subscription.topic_name in documented, node.get_name()
+                assert type_name(subscription.msg_type) == documented[subscription.topic_name][0]
+
+
+def test_every_service_and_action_is_documented(graph, nodes):
+    services = {
+        node.resolve_service_name(service.srv_name): type_name(service.srv_type)
+        for node in nodes
+        for service in node.services
+    }
+    offered = {name: kind for name, kind in services.items() if not OF_ROS.fullmatch(name)}
+    assert offered == {row['service'].strip('`'): row['type'] for row in tables('Services')}
+    actions = [(row['action'].strip('`'), [row['type']]) for row in tables('Action')]
+    graph.spin_until(lambda: get_action_names_and_types(graph.node) == actions, f'the action(s) {actions}')
+
+
+def layout_paths():
+    """Return the topic and fields of everything the layouts show."""
+    foxglove = json.loads((LAYOUTS / 'foxglove.json').read_text(encoding='utf-8'))
+    shown = [path['value'] for panel in foxglove['configById'].values() for path in panel.get('paths', [])]
+    paths = [(topic, fields.split('.')) for topic, _, fields in (value.partition('.') for value in shown)]
+    for panel in foxglove['configById'].values():
+        topics = [*panel.get('topics', {}), panel.get('topicToRender'), panel.get('topicPath')]
+        paths += [(topic, []) for topic in topics if topic]
+    for curve in ElementTree.parse(LAYOUTS / 'plotjuggler.xml').iter('curve'):
+        parts = curve.get('name').split('/')  # /pkm, topic of one or two names, fields
+        named = 4 if parts[2].startswith('d') else 3
+        paths.append(('/'.join(parts[:named]), parts[named:]))
+    return paths
+
+
+def test_layouts_show_topics_and_fields_that_exist(documented):
+    paths = layout_paths()
+    assert len(paths) > 30
+    for topic, fields in paths:
+        message = find_interface(documented[topic][0], 'msg')()
+        for field in fields:
+            message = getattr(message, field)
+
+
+def test_foxglove_layout_places_every_panel_once():
+    layout = json.loads((LAYOUTS / 'foxglove.json').read_text(encoding='utf-8'))
+
+    def leaves(tree):
+        return [tree] if isinstance(tree, str) else leaves(tree['first']) + leaves(tree['second'])
+
+    assert sorted(leaves(layout['layout'])) == sorted(layout['configById'])
