@@ -24,7 +24,7 @@ from pkm_core.truth import Truth, load_truth
 PLANT_SIDE = {'plant', 'laser', 'truth'}  # modules that may read the truth
 MACHINE_MAKERS = {'random_machines'}  # and those that write others, for studies over many plants
 CONTROLLERS = (  # what holds every controller and law, and what they are fed with
-    *('pkm_core.control.controllers', 'pkm_core.learning', 'pkm_core.identification.identify'),
+    *('pkm_core.control.controllers', 'pkm_core.learning'),
     *('pkm_core.motions', 'pkm_core.trajectory', 'pkm_core.machines'),
 )
 READS_TRUTH = re.compile(r'from pkm_core(\.truth import| import .*\btruth\b)|import pkm_core\.truth|["\']truth["\']')

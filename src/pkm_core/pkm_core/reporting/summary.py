@@ -39,13 +39,12 @@ def messages(records):
 
 def cycles_table(machine_name, records):
     """Return the table of first against last cycle, each beside what the thesis reports for its machine."""
-    table = Table(title=f'{records[0].motion}, learning law {records[-1].learning_law}', title_justify='left')
-    headings = (
-        *('axis', 'cycle', 'max dynamic\nerror [um]', 'settling to\n5 um [ms]', 'to 1 um\n[ms]', 'steady\nstate [um]'),
-        'thesis: error [um],\nsettling [ms]',
-    )
-    for heading in headings:
-        table.add_column(escape(heading), justify='left' if heading == 'axis' else 'right')
+    heading = f'{records[0].motion}, learning law {records[-1].learning_law}:'
+    explanation = 'largest dynamic error, settling time to a band, mean error at rest'
+    table = Table(title=f'{heading}\n{explanation}', title_justify='left')
+    headings = ('axis', 'cycle', 'error\n[um]', '5 um\n[ms]', '1 um\n[ms]', 'rest\n[um]')
+    for heading in (*headings, 'thesis', 'error\n[um]', '5 um\n[ms]'):
+        table.add_column(escape(heading), justify='left' if heading in ('axis', 'thesis') else 'right')
     shown = records[:1] + records[-1:] if len(records) > 1 else records
     figures = [cycle_figures(record) for record in shown]
     for joint in records[0].joints:
@@ -55,25 +54,24 @@ def cycles_table(machine_name, records):
                 '' if row else joint,
                 str(record.cycle),
                 f'{ours["max_dynamic_error_um"]:.1f}',
-                _or_never(ours['settling_5um_ms']),
-                _or_never(ours['settling_1um_ms']),
+                _or(ours['settling_5um_ms'], 'never'),
+                _or(ours['settling_1um_ms'], 'never'),
                 f'{ours["steady_state_error_um"]:.2f}',
-                _thesis_cell(machine_name, joint, control),
+                *_thesis_cells(machine_name, joint, control),
                 end_section=record is shown[-1],
             )
     return table
 
 
-def _thesis_cell(machine_name, joint, control):
-    """Return what the thesis reports for one joint under `control`, '' for a machine it has no table of."""
+def _thesis_cells(machine_name, joint, control):
+    """Return control, error and settling of one joint in the thesis; empty for a machine it has no table of."""
     table = JOINT_SPACE.get(machine_name)
     if table is None:
-        return ''
+        return '', '', ''
     column = table.columns.index(control)
     error, settling = (table.values[name][joint][column] for name in ('max_dynamic_error_um', 'settling_5um_ms'))
-    name = 'learned' if control == 'robust learning' else control
-    return f'{name} {error:5.1f}, {"lost" if settling is None else settling:>4}'
+    return 'learned' if control == 'robust learning' else control, _or(error, 'lost'), _or(settling, 'lost')
 
 
-def _or_never(value):
-    return 'never' if value is None else f'{value:.1f}'
+def _or(value, otherwise):
+    return otherwise if value is None else f'{value:.1f}'
