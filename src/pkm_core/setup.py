@@ -10,6 +10,7 @@ VERBS = [
     'bag-doctor',
     'budget',
     'calibrate',
+    'convergence',
     'drive-response',
     'margins',
     'open-loop',
