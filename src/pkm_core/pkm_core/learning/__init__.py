@@ -10,8 +10,8 @@ law for that motion, to be used like any other; laws that need no reference retu
 trajectory always writes ``law = law.with_reference(trajectory)``, and one that has not is refused by such a law only.
 
 No law starts before its convergence test (convergence.py): `make_law` refuses one that would diverge on the model of
-an axis or on a perturbed one. What happens on the machine is watched by a `Monitor` (monitor.py) a joint, and what has
-been learned is kept by store.py.
+an axis or on a perturbed one; what the test found is the law's `verdict`. What happens on the machine is watched by a
+`Monitor` (monitor.py) a joint, and what has been learned is kept by store.py.
 """
 
 from pkm_core.config import find_config, load_config

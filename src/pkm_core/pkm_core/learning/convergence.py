@@ -35,11 +35,6 @@ class Convergence:
         return float(self.factor.max())
 
     @property
-    def nominal(self):
-        """The largest factor on the unperturbed model."""
-        return float(self.factor[0].max())
-
-    @property
     def worst_frequency(self):
         """Where the largest factor is [Hz]."""
         return float(self.frequency[self.factor.max(axis=0).argmax()])

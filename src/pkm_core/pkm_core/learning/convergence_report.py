@@ -32,10 +32,11 @@ def convergence_figures(law):
         }
         if isinstance(law, FourierLaw):
             printed = convergence(law.as_printed(), joint)
+            above = printed.frequency[printed.factor.max(axis=0) > 1]
             figures[joint] |= {
                 'advance_samples': law.advance[joint],
                 'worst_as_printed': printed.worst,
-                'diverges_as_printed_from_hz': float(printed.frequency[(printed.factor.max(axis=0) > 1).argmax()]),
+                'diverges_as_printed_from_hz': float(above[0]) if above.size else None,
                 'worst_factor_as_printed': printed.factor.max(axis=0),
             }
     return figures
@@ -53,7 +54,8 @@ def convergence_table(title, figures):
         cells = [joint, f'{row["worst"]:.3f}', f'{row["worst_frequency_hz"]:.1f}', f'{row["worst_in_move_band"]:.3f}']
         if fourier:
             cells += [str(row['advance_samples']), f'{row["worst_as_printed"]:.2f}']
-            cells.append(f'{row["diverges_as_printed_from_hz"]:.0f}')
+            first = row['diverges_as_printed_from_hz']
+            cells.append('never' if first is None else f'{first:.0f}')
         else:
             cells.append(row['worst_model'])
         table.add_row(*cells, style=None if row['converges'] else 'red')

@@ -13,14 +13,17 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from pydantic import TypeAdapter
 
-from pkm_core.config import config_folder, read_yaml
+from pkm_core.config import Frequency, Number, config_folder, read_yaml
 from pkm_core.simulation import run_cycles
 
 GAIN = 0.2  # half width of the uniform spread of every axis's thrust
 RESONANCE = 0.05  # of every mode, resonance and anti-resonance alike
 DAMPING = (0.6, 1.5)  # factor on every damping
 FRICTION = (0.1, 1.0)  # [N] of all guides
+
+_HERTZ, _NUMBER = (TypeAdapter(kind).validate_python for kind in (Frequency, Number))
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,8 @@ def random_machine(machine, seed, environment='nominal'):
         for mode in axis['modes']:
             shift = 1 + draw.uniform(-RESONANCE, RESONANCE)
             for name in ('resonance', 'antiresonance'):
-                mode[name] = f'{shift * float(mode[name].removesuffix("Hz"))} Hz'
-                mode[f'{name}_damping'] *= float(draw.uniform(*DAMPING))
+                mode[name] = f'{shift * _HERTZ(mode[name])} Hz'
+                mode[f'{name}_damping'] = _NUMBER(mode[f'{name}_damping']) * float(draw.uniform(*DAMPING))
     truth['environments'][environment]['friction'] = f'{draw.uniform(*FRICTION)} N'
     before = os.environ.get('PKM_CONFIG')
     with tempfile.TemporaryDirectory() as folder:

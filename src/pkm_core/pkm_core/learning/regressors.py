@@ -43,7 +43,8 @@ def forces(machine, model, trajectory, column, slips, *, rested):
     """
     joint, (q, qd, qdd, jerk) = machine.joints[column], trajectory.derivatives()
     own = qdd[:, column] / model.gain
-    place = (q[:, column] - machine.home[column]) / (0.5 * np.ptp([machine.limits.lower, machine.limits.upper]))
+    travel = machine.limits.upper[column] - machine.limits.lower[column]
+    place = (q[:, column] - machine.home[column]) / (0.5 * travel)
     M = machine.mass_matrix(q)[:, column]
     design = machine.bias(q, qd) + machine.gravity(q) - machine.gravity(machine.home)
     change = (M[:, column] - machine.mass_matrix(machine.home)[column, column]) * qdd[:, column]
