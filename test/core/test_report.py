@@ -16,6 +16,7 @@ from pkm_core.reporting.runs import read_run, read_runs
 from pkm_core.reporting.spectrum import amplitude_spectrum
 from pkm_core.reporting.summary import axis_figures
 from pkm_core.thesis import END_POINT, JOINT_SPACE
+from pkm_core.verbs.report import report as verb
 
 FIGURES = {'error_over_cycles', 'tracking', 'pose_tracking', 'error', 'spectrum', 'voltage', 'settling', 'end_point'}
 
@@ -150,11 +151,13 @@ def test_laser_tells_the_end_point_from_its_own_clock(report, page):
     assert 'laser' not in figures['runs'][1]
 
 
-def test_same_bags_give_the_same_page(make_run, tmp_path):
+def test_verb_writes_beside_the_run_and_the_same_page_again(make_run, tmp_path, capsys):
     folder = make_run(tmp_path / 'run', 'planar')
-    for out in ('one', 'two'):
-        write_report([folder], tmp_path / out)
-    assert (tmp_path / 'one' / 'report.html').read_bytes() == (tmp_path / 'two' / 'report.html').read_bytes()
+    verb(folder, compare=None, out=None, json_file=tmp_path / 'figures.json')
+    assert str(folder / 'report' / 'report.html') in capsys.readouterr().out.replace('\n', '')
+    _, figures = write_report([folder], tmp_path / 'again')
+    assert json.loads((tmp_path / 'figures.json').read_text()) == json.loads(json.dumps(figures))
+    assert (folder / 'report' / 'report.html').read_bytes() == (tmp_path / 'again' / 'report.html').read_bytes()
 
 
 def test_runs_of_the_same_name_are_told_apart(make_run, tmp_path):

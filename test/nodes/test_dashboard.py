@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 
 from pkm_core.bags import BagWriter
@@ -76,21 +77,13 @@ def test_best_cycle_is_remembered_when_old_ones_are_forgotten(cell):
 )
 def test_errors_are_kept_only_while_motion_and_law_stay_the_same(cell, motion, law, scale, kept):
     poses = np.tile(cell.machine.forward(cell.machine.home), (5, 1))
-    cell.load('short', 'fourier', poses)
+    cell.load(1, 'short', 'fourier', poses)
     measure(cell, 1, *4 * [1e-6])
-    cell.load(motion, law, scale * poses)
-    assert (cell.errors != {}) == kept
+    measure(cell, 2, *4 * [2e-6])  # came before the trajectory it belongs to
+    cell.load(2, motion, law, scale * poses)
+    assert list(cell.errors) == ([1, 2] if kept else [2])
+    assert cell.best_cycle == (1 if kept else 2)
     assert cell.path == pytest.approx(scale * poses[:, :3])
-
-
-def test_cell_that_was_started_anew_counts_from_one(cell):
-    cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=5))
-    measure(cell, 5, *4 * [1e-6])
-    cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=6))
-    assert cell.errors
-    cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=1))
-    assert not cell.errors
-    assert cell.cycle == 1
 
 
 def test_events_tell_what_the_machine_does(cell, machine):
@@ -174,6 +167,24 @@ def test_machine_is_known_by_its_parameter_also_after_another_has_come(graph, da
     metrics = graph.publisher(CycleMetrics, 'd3/cycle_metrics')
     metrics.publish(CycleMetrics(cycle=4, joint='d3', max_dynamic_error=1e-6))
     graph.spin_until(lambda: dashboard.cell.errors == {4: {'d3': 1e-6}}, 'metrics of the new machine')
+
+
+def test_machine_that_was_started_anew_counts_from_one(graph, dashboard, machine):
+    dashboard.cell = Cell(machine)
+    dashboard.cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=5))
+    measure(dashboard.cell, 5, *4 * [1e-6])
+    diagnostics = graph.publisher(DiagnosticArray, '/diagnostics')
+
+    def say(tick):
+        status = DiagnosticStatus(name='/pkm/machine', message='standing', values=[KeyValue(key='tick', value=tick)])
+        diagnostics.publish(DiagnosticArray(status=[status]))
+
+    say('3400')
+    graph.spin_until(lambda: dashboard.cell.status == Status.STANDING, 'the diagnostics')
+    assert (dashboard.cell.cycle, dashboard.cell.best_cycle) == (5, 5)
+    say('0')
+    graph.spin_until(lambda: not dashboard.cell.errors, 'the new beginning')
+    assert (dashboard.cell.cycle, dashboard.cell.best_cycle) == (0, 0)
 
 
 def test_nodes_that_are_missing_or_doubled_are_named(graph, dashboard):

@@ -124,8 +124,9 @@ def repair(path):
             return None
         if not found.messages():
             raise BagError(f'{file}: holds no whole chunk of messages; nothing can be saved')
-        planned = _planned_ticks(found)
-        there = {topic: {m.tick for m in messages} for topic, messages in _of_the_tick(found).items()}
+        encoders, commands = found.read('EncoderSample'), found.read('MotorCommand')
+        planned = _planned_ticks(found, encoders, commands)
+    there = {topic: {m.tick for m in messages} for topic, messages in (encoders | commands).items()}
     target = path.with_name(f'{path.name.removesuffix(".mcap")}_repaired')
     _write(target, found, {topic: len(ticks) for topic, ticks in planned.items()}, file.name)
     counts = Counter(topic for topic, *_ in found.messages())
@@ -159,13 +160,9 @@ def _is_whole(path):
         return False
 
 
-def _of_the_tick(found):
-    return found.read('EncoderSample') | found.read('MotorCommand')
-
-
-def _planned_ticks(found):
+def _planned_ticks(found, encoders, commands):
     """Return the ticks each topic of the servo tick must have: to the end the cycle had, else to its planned end."""
-    running = [m for samples in found.read('EncoderSample').values() for m in samples if m.mode == _RUN]
+    running = [m for samples in encoders.values() for m in samples if m.mode == _RUN]
     trajectories = [m for messages in found.read('SampledTrajectory').values() for m in messages]
     if not running or not trajectories:
         return {}
@@ -174,9 +171,7 @@ def _planned_ticks(found):
     for event in (m for messages in found.read('CycleEvent').values() for m in messages):
         if event.event in _ENDED:
             encoder_end, command_end = event.tick, first + event.samples
-    return {topic: range(first, encoder_end) for topic in found.read('EncoderSample')} | {
-        topic: range(first, command_end) for topic in found.read('MotorCommand')
-    }
+    return dict.fromkeys(encoders, range(first, encoder_end)) | dict.fromkeys(commands, range(first, command_end))
 
 
 def _ranges(ticks):

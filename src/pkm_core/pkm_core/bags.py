@@ -1,7 +1,7 @@
 """
 Motion cycles as rosbag2 folders: one MCAP file and a metadata.yaml each, written and read without ROS.
 
-Messages are stamped with the simulated time of their tick. Chunks of 64 KiB go to the operating system one by one, so a
+Messages carry the simulated time of their tick. Chunks of 64 KiB go to the operating system one by one, so a
 recorder that is killed loses at most the one it was filling; `pkm bag-doctor` makes a whole bag of the rest.
 """
 

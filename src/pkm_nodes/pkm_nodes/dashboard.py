@@ -135,7 +135,7 @@ class DashboardNode(PkmNode):
         machine = self.cell.machine
         if machine is not None and tuple(message.coordinates) == machine.coordinates:
             positions = np.array(message.position).reshape(-1, len(machine.coordinates))
-            self.cell.load(message.motion, message.learning_law, positions)
+            self.cell.load(message.cycle, message.motion, message.learning_law, positions)
 
     def _on_pose(self, message):
         place, turn = message.pose.position, message.pose.orientation
@@ -154,7 +154,8 @@ class DashboardNode(PkmNode):
     def _on_machine(self, status):
         now, tick = monotonic(), int(next((v.value for v in status.values if v.key == 'tick'), 0))
         if self._ticks is not None and tick < self._ticks[1]:
-            self._asked = None  # another machine, perhaps of another kind
+            self._asked = None  # it was started anew, perhaps as another machine
+            self.cell.begin_anew()
         elif self._ticks is not None and now > self._ticks[0]:
             self.cell.ticks_per_second = (tick - self._ticks[1]) / (now - self._ticks[0])
         self._heard, self._ticks = now, (now, tick)

@@ -1,1 +1,1 @@
-"""Feedback control of one axis: what a controller may know, its filters, the robust law and its margins."""
+"""Feedback control: what a controller may know, the robust and the computed-torque law, their margins and tuning."""

@@ -60,7 +60,7 @@ def load_torque_control(machine, name_or_path=None):
 
 
 @njit(cache=True)
-def _step(error, acceleration, velocity, M, C, G, gains, newton_per_volt, limit, state, voltage):
+def _step(error, acceleration, velocity, learned, M, C, G, gains, newton_per_volt, limit, state, voltage):
     """Advance `state` (2, n) = (integral of e, previous e) by one tick and fill `voltage` (n,); gains: __init__."""
     n = error.size
     wanted, integral = np.empty(n), np.empty(n)
@@ -74,7 +74,7 @@ def _step(error, acceleration, velocity, M, C, G, gains, newton_per_volt, limit,
         thrust = C[i] + G[i] + gains[3, i] * wanted[i] + gains[4, i] * velocity[i]
         for j in range(n):
             thrust += M[i, j] * wanted[j]
-        signal = thrust / newton_per_volt
+        signal = thrust / newton_per_volt + learned[i]
         voltage[i] = min(max(signal, -limit), limit)
         if voltage[i] == signal or error[i] * signal <= 0.0:
             state[0, i] = integral[i]
@@ -108,7 +108,7 @@ class ComputedTorque:
         self._state = np.empty((2, n))
         self.reset()
         # numba compiles, or loads what it has compiled, at the first call: here, not in the first tick
-        self._voltage(machine.home, np.zeros(n), np.zeros(n), np.zeros(n), self._state.copy())
+        self._voltage(machine.home, *np.zeros((4, n)), self._state.copy())
 
     def reset(self):
         """Forget everything: no cycle is loaded and the machine is taken to be at rest."""
@@ -136,15 +136,14 @@ class ComputedTorque:
         if not np.isfinite(measured).all():
             raise PkmError(f'sample {index}: measured positions are {measured}; expected finite numbers of metres')
         error = self._position[index] - measured
-        voltage = self._voltage(measured, error, self._velocity[index], self._acceleration[index], self._state)
-        limit = self._machine.voltage_limit
-        return np.clip(voltage + self._learned[index], -limit, limit), error
+        rows = (each[index] for each in (self._velocity, self._acceleration, self._learned))
+        return self._voltage(measured, error, *rows, self._state), error
 
-    def _voltage(self, measured, error, velocity, acceleration, state):
+    def _voltage(self, measured, error, velocity, acceleration, learned, state):
         machine, voltage = self._machine, np.empty(error.size)
         machine.terms(measured, velocity, self._design, self._M, self._C, self._G)
         _step(
-            error, acceleration, velocity, self._M, self._C, self._G, self._gains,
+            error, acceleration, velocity, learned, self._M, self._C, self._G, self._gains,
             machine.thrust_per_volt, machine.voltage_limit, state, voltage,
         )  # fmt: skip
         return voltage

@@ -3,6 +3,7 @@
 import asyncio
 import multiprocessing
 import os
+import threading
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 
@@ -19,7 +20,7 @@ def search_executor(processes, cluster):
     if not cluster:
         # spawned, not forked: numba and the progress bar have threads
         context = multiprocessing.get_context('spawn')
-        with ProcessPoolExecutor(processes or os.cpu_count(), mp_context=context) as executor:
+        with ProcessPoolExecutor(processes or os.cpu_count(), context, _end_with_parent) as executor:
             yield executor
         return
     from distributed import Client
@@ -30,6 +31,16 @@ def search_executor(processes, cluster):
         raise PkmError(f'--cluster: {cluster!r}: {error}') from None
     with Client(cluster, set_as_default=False) as client:
         yield client.get_executor()
+
+
+def _end_with_parent():
+    """Watch the parent from a worker, which would wait for work for ever if that was killed."""
+
+    def watch():
+        multiprocessing.parent_process().join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 async def _knock(address):

@@ -98,7 +98,7 @@ def _search_grid(model, sample_time):
     ]
     nyquist = 0.5 / sample_time
     grid = np.concatenate([np.geomspace(0.5, 20.0, 30), np.geomspace(20.5, nyquist, 190), *modes])
-    return np.unique(grid[grid <= nyquist])
+    return np.unique(np.minimum(grid, nyquist))
 
 
 def by_name(figures):

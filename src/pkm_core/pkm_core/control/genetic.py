@@ -14,6 +14,7 @@ import time
 from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -95,7 +96,7 @@ def advance(problem, points, figures, seed, generations):
         termination=NoTermination(),
         **options,
     )
-    algorithm.setup(Problem(n_var=problem.parameters, n_obj=1, n_ieq_constr=9, xl=0.0, xu=1.0))
+    algorithm.setup(Problem(n_var=problem.parameters, n_obj=1, n_ieq_constr=problem.limits, xl=0.0, xu=1.0))
     if len(points):
         algorithm.tell(infills=algorithm.ask())
     born, count = [], len(points)
@@ -192,7 +193,7 @@ def read_branches(path, problems, identity):
             if f'{key}/points' in stored:  # a restart more than the file knows begins anew
                 branch.points, branch.figures = stored[f'{key}/points'], stored[f'{key}/figures']
                 branch.population, branch.generations = stored[f'{key}/population'], int(stored[f'{key}/generations'])
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
         raise PkmError(f'{path}: is no search of pkm tune: {error}') from None
     for name in identity:
         if theirs.get(name) != identity[name]:

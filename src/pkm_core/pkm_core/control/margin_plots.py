@@ -4,13 +4,14 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from pkm_core.control.margins import perturbed_models, unit_circle
+from pkm_core.control.margins import design_grid, perturbed_models, unit_circle
 from pkm_core.control.systems import plant_system
 
 
 def model_loops(gains, model, sample_time):
     """Return (frequency [Hz], the model's L, [L of the perturbed models]) of a `PidLaw`, for the functions below."""
-    frequency = np.geomspace(2.0, 0.5 / sample_time, 2000)
+    grid = design_grid(sample_time)
+    frequency = np.unique(np.concatenate([np.geomspace(2.0, grid[-1], 500), grid[(grid > 150) & (grid < 600)]]))
     z = unit_circle(frequency, sample_time)
     controller = gains.response(z, sample_time)
     loops = [controller * plant_system(each, sample_time)(z) for each in perturbed_models(model)]

@@ -8,6 +8,7 @@ from pkm_core.control.robust import RobustGains
 from pkm_core.errors import PkmError
 
 _DIGITS = 6  # of every value in the file
+_FINALISTS = 200  # candidates that may fail on the fine grid before the search counts as failed
 
 
 def recommended(problem, branches):
@@ -23,7 +24,8 @@ def recommended(problem, branches):
     points = np.concatenate([branch.points for branch in branches])
     figures = np.concatenate([branch.figures for branch in branches])
     objective, violation = problem.objective(figures), problem.violations(figures).max(axis=1)
-    for index in np.lexsort([objective, violation > 0])[: (violation <= 0).sum()]:
+    kept = np.flatnonzero(violation <= 0)
+    for index in kept[np.argsort(objective[kept], kind='stable')][:_FINALISTS]:
         gains = _rounded(problem.gains(points[index]))
         margins = stability_margins(gains, problem.model, problem.sample_time)
         worst = worst_margins(gains, problem.model, problem.sample_time)

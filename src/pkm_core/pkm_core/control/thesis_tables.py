@@ -15,7 +15,7 @@ ROWS = (
     *('KP', 'KI', 'KD', 'Kv', 'Ka', 'Kj'),
     *('lag DC gain', 'lag F1 pole (Hz)', 'lag F2 zero (Hz)'),
     *('notch r (Hz)', 'notch b (Hz)', 'notch attenuation (dB)'),
-    *('GM (dB)', 'PM (deg)', 'CLBW (Hz)', 'max |S| over CLBW'),
+    *('GM (dB)', 'PM (deg)', 'CLBW (Hz)', 'max abs(S) over CLBW'),
 )
 NUMBERS = {'planar': '7.1', 'four_dof': '8.1'}
 _PRINTED = {  # None: lost
@@ -45,11 +45,12 @@ def table_markdown(machine_name, columns):
     header = ['parameter', *(f'{joint} {whose}' for joint in columns for whose in ('thesis', 'ours'))]
     lines += ['| ' + ' | '.join(header) + ' |', '|---' * len(header) + '|']
     for row, name in enumerate(ROWS):
-        cells = [name.replace('|', '\\|')]
+        cells = [name]
         for joint, column in columns.items():
             theirs = printed_column(machine_name, joint)[row]
             cells += ['' if theirs is None else f'{theirs:g}', f'{column[row]:.4g}']
         lines.append('| ' + ' | '.join(cells) + ' |')
+    lines += ['', 'Ours: CLBW is where abs(S) reaches 1; max abs(S) is taken up to the CLBW that was wanted.']
     return '\n'.join(lines) + '\n'
 
 

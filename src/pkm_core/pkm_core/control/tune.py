@@ -51,6 +51,7 @@ def tune(machine, config, seed, executor, folder, *, resume=None, on_progress=la
         'machine': machine.name,
         'seed': seed,
         'models': _digest({joint: model.model_dump() for joint, model in models.items()}, machine.sample_time),
+        'figures': _digest(COLUMNS),
         'config': _digest(config.model_dump(exclude={'search': {'generations', 'restarts'}})),
     }
     if resume is None and (folder / SEARCH_FILE).exists():

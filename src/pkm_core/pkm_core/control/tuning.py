@@ -31,6 +31,8 @@ class TuningProblem:
 
     """
 
+    limits = 9  # columns of `violations`
+
     def __init__(self, config, model, sample_time):
         self.config, self.model, self.sample_time = config, model, sample_time
         bounds = np.log([bound for _, bound in config.bounds])

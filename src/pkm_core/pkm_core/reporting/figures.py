@@ -10,7 +10,10 @@ import numpy as np
 from pkm_core.machines.checks import ANGLES
 from pkm_core.reporting.histories import end_point_histories, joint_histories, laser_histories
 from pkm_core.reporting.spectrum import amplitude_spectrum
+from pkm_core.reporting.summary import first_and_last
 
+_TIME = 'time [ms]; moves are shaded'
+_AFTER = 'time after the end of the profile [ms]'
 # [ms] what the settling figures show, from the end of a profile on
 _SETTLING = (-10.0, 60.0)
 _TOLERANCE = 5.0  # [um] within which an axis has settled
@@ -79,9 +82,6 @@ def plot_cycles(records, path):
 
 # ---- the grid
 
-_TIME = 'time [ms]; moves are shaded'
-_AFTER = 'time after the end of the profile [ms]'
-
 
 def _joints(run):
     return run.records[-1].joints
@@ -128,7 +128,8 @@ def _by_axis(runs, names_of, draw, xlabel, ylabel, height=1.6):
 
 def _shown(records):
     """Return (cycle, colour) of the first and the last cycle."""
-    return [(records[0], '0.6'), (records[-1], 'C0')] if len(records) > 1 else [(records[0], 'C0')]
+    shown = first_and_last(records)
+    return list(zip(shown, ('0.6', 'C0')[-len(shown) :], strict=True))
 
 
 def _milliseconds(history, start=0):

@@ -11,7 +11,7 @@ table { border-collapse: collapse; margin: 1em 0; font-size: 0.9em; display: blo
 caption { text-align: left; font-weight: 600; padding: 0.3em 0; }
 th, td { padding: 0.15em 0.7em; text-align: right; vertical-align: top; } td { overflow-wrap: anywhere; }
 th { border-bottom: 1px solid #888; font-weight: 600; }
-td:first-child, th:first-child { text-align: left; }
+td:first-child, th:first-child { text-align: left; white-space: nowrap; }
 tr.group td { border-top: 1px solid #ddd; }
 figure { margin: 1em 0; } figure img { max-width: 100%; } figcaption, .remark { color: #555; font-size: 0.9em; }
 nav a { margin-right: 1em; }

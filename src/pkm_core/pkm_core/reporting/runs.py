@@ -19,11 +19,6 @@ class Run:
     records: list
     remarks: list[str]
 
-    @property
-    def first_and_last(self):
-        """The first and the last cycle; one if there is only one."""
-        return self.records[:1] + self.records[-1:] if len(self.records) > 1 else self.records
-
 
 def read_runs(folders, on_step=lambda text: None):
     """Return the `Run`s in `folders`, named by their folders, or by their paths where these have the same name."""
@@ -62,7 +57,7 @@ def read_run(folder):
         else:
             remarks.append(f'{path}: ends after {len(record.ticks)} of {record.samples} ticks')
     if not records:
-        raise PkmError('\n'.join([f'{folder}: has no whole cycle in {len(paths)} bags', *remarks]))
+        raise PkmError('; '.join([f'{folder}: has no whole cycle in {len(paths)} bags', *remarks]))
     motions = sorted({record.motion for record in records})
     if len(motions) > 1:
         raise PkmError(f'{folder}: has cycles of several motions, {motions}; expected those of one')

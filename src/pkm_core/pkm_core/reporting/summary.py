@@ -23,6 +23,11 @@ def _or_none(value):
     return None if isnan(value) else value
 
 
+def first_and_last(records):
+    """Return the first and the last of `records`; one if there is only one."""
+    return [records[0], records[-1]] if len(records) > 1 else records
+
+
 def cycle_figures(record):
     """Return the figures of one `CycleRecord` by joint."""
     return {joint: axis_figures(metrics) for joint, metrics in zip(record.joints, record.metrics(), strict=True)}
@@ -45,10 +50,10 @@ def cycles_table(machine_name, records):
     headings = ('axis', 'cycle', 'error\n[um]', '5 um\n[ms]', '1 um\n[ms]', 'rest\n[um]')
     for heading in (*headings, 'thesis', 'error\n[um]', '5 um\n[ms]'):
         table.add_column(escape(heading), justify='left' if heading in ('axis', 'thesis') else 'right')
-    shown = records[:1] + records[-1:] if len(records) > 1 else records
+    shown = first_and_last(records)
     figures = [cycle_figures(record) for record in shown]
     for joint in records[0].joints:
-        for row, (record, control) in enumerate(zip(shown, ('robust', 'robust learning'), strict=False)):
+        for row, record in enumerate(shown):
             ours = figures[row][joint]
             table.add_row(
                 '' if row else joint,
@@ -57,19 +62,19 @@ def cycles_table(machine_name, records):
                 _or(ours['settling_5um_ms'], 'never'),
                 _or(ours['settling_1um_ms'], 'never'),
                 f'{ours["steady_state_error_um"]:.2f}',
-                *_thesis_cells(machine_name, joint, control),
+                *_thesis_cells(machine_name, joint, ('robust', 'robust learning')[row]),
                 end_section=record is shown[-1],
             )
     return table
 
 
 def _thesis_cells(machine_name, joint, control):
-    """Return control, error and settling of one joint in the thesis; empty for a machine it has no table of."""
-    table = JOINT_SPACE.get(machine_name)
-    if table is None:
+    """Return what the thesis reports for one joint under `control`, blanks for a machine it has no table of."""
+    reported = JOINT_SPACE.get(machine_name)
+    if reported is None:
         return '', '', ''
-    column = table.columns.index(control)
-    error, settling = (table.values[name][joint][column] for name in ('max_dynamic_error_um', 'settling_5um_ms'))
+    column = reported.columns.index(control)
+    error, settling = (reported.values[name][joint][column] for name in ('max_dynamic_error_um', 'settling_5um_ms'))
     return 'learned' if control == 'robust learning' else control, _or(error, 'lost'), _or(settling, 'lost')
 
 

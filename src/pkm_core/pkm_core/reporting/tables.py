@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pkm_core.reporting.histories import end_point_histories, joint_histories, laser_histories
-from pkm_core.reporting.summary import axis_figures
+from pkm_core.reporting.summary import axis_figures, first_and_last
 from pkm_core.thesis import END_POINT, JOINT_SPACE
 
 QUANTITIES = {  # how the quantities of `axis_figures` are called and rounded
@@ -30,7 +30,7 @@ def run_figures(run):
     Spaces are 'joints', 'end_point' and, where there is one, 'laser'; None stands for an axis that never settles.
     """
     figures = {'joints': {}, 'end_point': {}, 'laser': {}}
-    for record in run.first_and_last:
+    for record in first_and_last(run.records):
         spaces = {
             'joints': joint_histories(record),
             'end_point': end_point_histories(record, run.machine),
@@ -91,7 +91,7 @@ def moves_table(run):
     """Return the table of settling times after each move of the first and the last cycle, joints and end point."""
     headings, rows = ['axis'], []
     cycles = []
-    for record in run.first_and_last:
+    for record in first_and_last(run.records):
         moves = joint_histories(record).metrics_of_moves() | end_point_histories(record, run.machine).metrics_of_moves()
         cycles.append(moves)
         headings += [f'cycle {record.cycle}, move {n + 1}' for n in range(len(record.move_starts))]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import inf, isfinite, nan
 
 import numpy as np
 
@@ -76,15 +77,20 @@ class Cell:
 
     def leave(self):
         """Note that the cell is gone; its last picture stays."""
-        self.status, self.reason, self.ticks_per_second, self.cycle = Status.AWAY, '', 0.0, 0
+        self.status, self.reason, self.ticks_per_second = Status.AWAY, '', 0.0
 
-    def load(self, motion, law, poses):
-        """Take over the pose trajectory (N, m) of the coming cycle; another motion or law is learned anew."""
+    def begin_anew(self):
+        """Note that the machine was started anew: its cycles count from 1 and nothing is learned."""
+        self.cycle = 0
+        self._forget(before=inf)
+
+    def load(self, cycle, motion, law, poses):
+        """Take over the pose trajectory (N, m) of `cycle`; another motion or law is learned anew."""
         reference = poses.tobytes()
         if (motion, law, reference) == (self.motion, self.law, self._reference):
             return
         self.motion, self.law, self._reference = motion, law, reference
-        self._forget()
+        self._forget(before=cycle)
         self.path = np.zeros((len(poses), 3))
         for name, column in zip(self.machine.coordinates, poses.T, strict=True):
             if name in 'xyz':
@@ -93,8 +99,6 @@ class Cell:
     def hear(self, event):
         """Take over a CycleEvent."""
         if event.event == CycleEvent.STARTED:
-            if event.cycle <= max(self.errors, default=0):  # a cell that was started anew counts from 1
-                self._forget()
             self.cycle, self.status, self.reason = event.cycle, Status.RUNNING, ''
         elif event.event == CycleEvent.FINISHED:
             self.status = Status.STANDING
@@ -112,7 +116,7 @@ class Cell:
         """Take over the CycleMetrics of one joint."""
         self.measured += 1
         self.errors.setdefault(metrics.cycle, {})[metrics.joint] = metrics.max_dynamic_error
-        if self.worst(metrics.cycle) < (self.worst(self.best_cycle) if self.best_cycle else np.inf):
+        if self.worst(metrics.cycle) < (self.worst(self.best_cycle) if self.best_cycle else inf):
             self.best_cycle = metrics.cycle
             self._keep_best()
         if len(self.errors) > _MEMORY:
@@ -121,7 +125,7 @@ class Cell:
     def worst(self, cycle):
         """Return the error of the worst axis of `cycle` [m], nan while not all axes are known."""
         errors = self.errors.get(cycle, {})
-        return max(errors.values()) if len(errors) == len(self.machine.joints) else np.nan
+        return max(errors.values()) if len(errors) == len(self.machine.joints) else nan
 
     def _read(self, cycle, path):
         try:
@@ -141,6 +145,13 @@ class Cell:
         self.positions = joint_positions(self.machine, self.machine.home)
         self.pose = home_pose(self.machine)
 
-    def _forget(self):
+    def _forget(self, before):
+        """Forget all cycles before `before`; of later ones something may have come already."""
         self.measured += 1
-        self.errors, self.best_cycle, self.latest, self.best = {}, 0, None, None
+        self.errors = {cycle: errors for cycle, errors in self.errors.items() if cycle >= before}
+        known = [(self.worst(cycle), cycle) for cycle in self.errors if isfinite(self.worst(cycle))]
+        self.best_cycle = min(known)[1] if known else 0
+        self.latest, self.best = (
+            trace if trace is not None and trace.cycle >= before else None for trace in (self.latest, self.best)
+        )
+        self._keep_best()
