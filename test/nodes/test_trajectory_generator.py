@@ -171,7 +171,7 @@ def test_trajectory_is_sent_again_until_the_machine_starts(graph, client, cell):
         ({'motion': 'fly'}, "motions: 'fly' is unknown; "),
         ({'motion': 'planar_80ms'}, 'motion is for planar; the machine is four_dof'),
         ({'motion': MOTION, 'cycles': 0}, 'goal: cycles is 0; expected at least 1'),
-        ({'motion': MOTION, 'learning_law': 'magic'}, "goal: learning_law 'magic'; known: ['none', 'fourier'"),
+        ({'motion': MOTION, 'learning_law': 'magic'}, "learning law 'magic' is unknown; known: ['none', 'basis'"),
         ({'motion': MOTION, 'controller': 'pid'}, "goal: controller 'pid'; known: ['robust']"),
         ({'motion': MOTION, 'poses': [NEAR_HOME]}, "motion 'four_dof_70ms' and 1 poses; give the one or the other"),
         ({'motion': MOTION, 'move_time': math.nan}, 'goal: move_time is nan s'),

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from pkm_core.bags import writable_folder
 from pkm_core.config import find_config, hash_files
 from pkm_core.errors import PkmError
-from pkm_core.learning import LAWS
+from pkm_core.learning import law_file, law_names
 from pkm_core.machines import load_machine
 from pkm_core.motions import default_motion, load_motion, plan
 from pkm_core.records import read_cycle
@@ -36,7 +36,9 @@ def run(
         str, typer.Option(help="Motion of config/motions, or a YAML file; '' is the machine's own.")
     ] = '',
     cycles: Annotated[int, typer.Option(min=1, help='Learning cycles.')] = 12,
-    law: Annotated[str, typer.Option(help=f'Learning law: none, {", ".join(LAWS)}.')] = 'fourier_pid',
+    law: Annotated[
+        str, typer.Option(help=f'Learning law: none, {", ".join(law_names())}; or a YAML file.')
+    ] = 'fourier_pid',
     seed: Annotated[int, typer.Option(min=0, help='Seed of everything random in the machine.')] = 1,
     environment: Annotated[
         str, typer.Option(help='How rough the world is: ideal, nominal, hard, or any other section of config/truth.')
@@ -56,8 +58,8 @@ def run(
     model = load_machine(machine)
     motion = motion or default_motion(model)
     to_joints(model, plan(model, load_motion(motion)))  # a motion that cannot be driven starts no process
-    if law not in ('none', *LAWS):
-        raise PkmError(f'--law: {law!r} is unknown; known: {["none", *LAWS]}')
+    if law != 'none':
+        law_file(law)
     out = writable_folder(out or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{model.name}')
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} holds the results of another run; name an empty folder')

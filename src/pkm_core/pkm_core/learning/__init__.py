@@ -14,31 +14,46 @@ an axis or on a perturbed one; what the test found is the law's `verdict`. What 
 `Monitor` (monitor.py) a joint, and what has been learned is kept by store.py.
 """
 
-from pkm_core.config import find_config, load_config
-from pkm_core.errors import LearningError
-from pkm_core.learning.basis import BasisConfig, BasisLaw
+from pkm_core.config import config_folder, find_config, parse_config, read_yaml
+from pkm_core.errors import ConfigError, LearningError
+from pkm_core.learning.basis import BasisLaw
 from pkm_core.learning.convergence import checked
-from pkm_core.learning.fourier import FourierConfig, FourierLaw
-from pkm_core.learning.inverse import InverseConfig, InverseLaw
-from pkm_core.learning.norm_optimal import NormOptimalConfig, NormOptimalLaw
+from pkm_core.learning.fourier import FourierLaw
+from pkm_core.learning.inverse import InverseLaw
+from pkm_core.learning.law import Law
+from pkm_core.learning.norm_optimal import NormOptimalLaw
+from pkm_core.plugins import load_class
 
-LAWS = {  # name: (model of config/learning/<name>.yaml, law)
-    'fourier': (FourierConfig, FourierLaw),
-    'fourier_pid': (FourierConfig, FourierLaw),
-    'inverse': (InverseConfig, InverseLaw),
-    'norm_optimal': (NormOptimalConfig, NormOptimalLaw),
-    'basis': (BasisConfig, BasisLaw),
-}
+KINDS = {'fourier': FourierLaw, 'inverse': InverseLaw, 'norm_optimal': NormOptimalLaw, 'basis': BasisLaw}
+
+
+def law_names():
+    """Return the names of the laws in config/learning."""
+    return sorted(path.stem for path in (config_folder() / 'learning').glob('*.yaml'))
+
+
+def law_file(name):
+    """Return the file of the law `name`, in config/learning or a YAML file; `LearningError` if there is none."""
+    try:
+        return find_config('learning', name)
+    except ConfigError:
+        known = ['none', *law_names()]
+        raise LearningError(f'learning law {name!r} is unknown; known: {known}, or a YAML file') from None
 
 
 def make_law(name, machine, control):
     """
     Return the learning law `name` for `machine` under the gains `control` of `load_control`.
 
+    Its file names the kind under the key ``law``: one of `KINDS`, or ``my_law.py:MyLaw``, a `Law` in a Python file
+    beside it. The other keys are the parameters, checked by the class's ``Parameters``.
+
     Raises
     ------
     LearningError
         If there is no such law, or it would diverge; the factor, where, and on which model are named.
+    ConfigError
+        If its file is refused.
 
     """
     return checked(name, untested_law(name, machine, control))
@@ -46,7 +61,10 @@ def make_law(name, machine, control):
 
 def untested_law(name, machine, control):
     """Return the law as `make_law` does, without its convergence test: to look at that test's figures."""
-    if name not in LAWS:
-        raise LearningError(f'learning law {name!r} is unknown; known: {sorted(LAWS)}')
-    config, law = LAWS[name]
-    return law(load_config(find_config('learning', name), config), machine, control)
+    path = law_file(name)
+    parameters = read_yaml(path)
+    kind = parameters.pop('law', None)
+    law = KINDS.get(kind) if isinstance(kind, str) else None
+    if law is None:
+        law = load_class(kind, base=Law, beside=path, key='law', known=KINDS)
+    return law(parse_config(parameters, law.Parameters, where=str(path)), machine, control)

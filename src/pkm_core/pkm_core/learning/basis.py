@@ -41,6 +41,7 @@ class BasisConfig(LawConfig):
 class BasisLaw(Law):
     """The law with basis functions; as made it knows no motion, see `with_reference`."""
 
+    Parameters = BasisConfig
     _trajectory = None
 
     def with_reference(self, trajectory):

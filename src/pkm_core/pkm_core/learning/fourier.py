@@ -47,6 +47,8 @@ class FourierLaw(FrequencyLaw):
 
     """
 
+    Parameters = FourierConfig
+
     def __init__(self, config, machine, control):
         super().__init__(config, machine, control)
         self.advance = {joint: self._loop_delay(joint) for joint in control}

@@ -21,6 +21,8 @@ class InverseConfig(LawConfig):
 class InverseLaw(FrequencyLaw):
     """The frequency-domain model inverse with robustness filter."""
 
+    Parameters = InverseConfig
+
     def memory(self, joint, frequency):
         """Return Q."""
         return self.config.band.weight(frequency)

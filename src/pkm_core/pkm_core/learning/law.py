@@ -51,6 +51,7 @@ class Law(ABC):
 
     """
 
+    Parameters = LawConfig  # model of the law's file
     verdict = ''
 
     def __init__(self, config, machine, control):

@@ -32,6 +32,8 @@ class NormOptimalConfig(LawConfig):
 class NormOptimalLaw(FrequencyLaw):
     """The norm-optimal law in lifted form."""
 
+    Parameters = NormOptimalConfig
+
     def __init__(self, config, machine, control):
         super().__init__(config, machine, control)
         frequency = np.arange(1.0, config.band.fall_to)

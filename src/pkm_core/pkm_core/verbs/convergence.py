@@ -6,14 +6,14 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pkm_core.learning import LAWS, untested_law
+from pkm_core.learning import law_names, untested_law
 from pkm_core.machines import load_machine
 from pkm_core.verbs.design_output import JsonOption, MachineOption, OutOption, folder, write_json
 
 
 def convergence(
     machine: MachineOption = 'four_dof',
-    law: Annotated[str, typer.Option(help=f'Learning law: {", ".join(LAWS)}.')] = 'fourier',
+    law: Annotated[str, typer.Option(help=f'Learning law: {", ".join(law_names())}; or a YAML file.')] = 'fourier',
     control: Annotated[
         str, typer.Option(help="Gains: file of config/control or a YAML file; '' is the machine's own.")
     ] = '',

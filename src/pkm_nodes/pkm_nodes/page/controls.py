@@ -4,7 +4,7 @@ from math import radians
 
 from pkm_core.config import config_folder, read_yaml
 from pkm_core.errors import PkmError
-from pkm_core.learning import LAWS
+from pkm_core.learning import law_names
 
 _FAVOURITE_LAW = 'fourier_pid'
 
@@ -27,7 +27,7 @@ class Controls:
     def __init__(self, gui, machine, wish, on_aim):
         """Call `wish(name, *arguments)` for a button, `on_aim(offsets)` when the pose to visit is moved."""
         self._machine = machine
-        motions, laws = motions_of(machine), sorted({'none', *LAWS})
+        motions, laws = motions_of(machine), ['none', *law_names()]
         with gui.add_folder('Run a motion'):
             motion = gui.add_dropdown('motion', motions or [''])
             law = gui.add_dropdown('law', laws, initial_value=_FAVOURITE_LAW if _FAVOURITE_LAW in laws else laws[0])
