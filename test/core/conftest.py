@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.typesys import get_types_from_msg
 
 from pkm_core.bags import BagWriter
 from pkm_core.machines import load_machine
@@ -59,14 +58,6 @@ def recorded_cycle(name='four_dof', amplitude=10e-6, offset=0.0):
     return RecordedCycle(machine, poses, joints, np.outer(wave, scale), np.outer(wave * 1e5, scale))
 
 
-@cache
-def _types_with_laser():
-    store = typestore.__wrapped__()
-    if TYPES['laser'] not in store.types:
-        store.register(get_types_from_msg('float64 time\nfloat64[] displacement\n', TYPES['laser']))
-    return store
-
-
 class Recording:
     """A bag under way; `tick` by `tick`, then `close`, or not."""
 
@@ -74,7 +65,7 @@ class Recording:
         self, folder, cycle, number, *, law='fourier', motion='short', first_tick=0, metadata=None, laser=False
     ):
         self.cycle, self.number, self.first = cycle, number, first_tick
-        self._store = _types_with_laser() if laser else typestore()
+        self._store = typestore()
         topics = {'/pkm/pose_trajectory': TYPES['trajectory'], '/pkm/joint_trajectory': TYPES['trajectory']}
         for joint in cycle.machine.joints:
             topics |= {f'/pkm/{joint}/{kind}': TYPES[kind] for kind in ('encoder', 'command')}

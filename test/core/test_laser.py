@@ -8,6 +8,7 @@ import pytest
 from pkm_core.assembly import assemble
 from pkm_core.errors import PkmError
 from pkm_core.laser import Laser
+from pkm_core.laser_clock import sample_numbers
 from pkm_core.machines import load_machine
 from pkm_core.plant import Plant
 from pkm_core.truth import load_truth
@@ -15,15 +16,17 @@ from pkm_core.truth import load_truth
 MACHINES = ('four_dof', 'planar', 'xy_stage')
 
 
-def observed(plant, laser, volts):
-    samples = []
-    laser.zero(plant.truth)
-    for row in volts:
+def observed(plant, laser, volts, *, tick=0, read_every=20):
+    """Return (time, displacement) of what the laser measures from `tick` on while `volts` drive the plant."""
+    laser.zero(tick, plant.truth)
+    readings = []
+    for count, row in enumerate(volts, start=1):
         plant.tick(row)
-        sample = laser.observe(plant.truth)
-        if sample:
-            samples.append(sample)
-    return np.array([s.time for s in samples]), np.array([s.displacement for s in samples])
+        laser.observe(tick + count, plant.truth)
+        if count % read_every == 0:
+            readings.append(laser.read())
+    readings.append(laser.read())
+    return tuple(np.concatenate(parts) for parts in zip(*readings, strict=True))
 
 
 @pytest.mark.parametrize('name', MACHINES)
@@ -75,7 +78,7 @@ def test_samples_come_each_0p8_ms_in_steps_of_0p91_um():
     laser = Laser(plant.machine, 4, 'nominal')
     times, displacements = observed(plant, laser, np.tile([0.5, 0.4, -0.5, -0.4], (160, 1)))
     np.testing.assert_allclose(np.diff(times), 0.8e-3, rtol=1e-9)
-    assert len(times) == 101
+    assert len(times) == 100  # of 0 to 79.2 ms; that of 80 ms is due at the last tick and not yet told
     steps = displacements / np.array([0.91e-6, 0.91e-6, 0.91e-6, 0.91e-6 / 0.05])
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
     assert np.abs(steps).max() > 100
@@ -83,21 +86,38 @@ def test_samples_come_each_0p8_ms_in_steps_of_0p91_um():
 
 def test_measurement_follows_the_true_end_point():
     plant = Plant(load_machine('planar'), 4, 'ideal')
-    laser = Laser(plant.machine, 4, 'ideal')
-    datum = plant.truth.pose
-    poses = {0.0: datum}
-    laser.zero(plant.truth)
-    for k in range(160):
-        plant.tick([0.5 * np.cos(0.05 * k), 0.3])
-        poses[plant.truth.time] = plant.truth.pose
-        sample = laser.observe(plant.truth)
-        if sample and k % 8 == 7:  # every 4 ms the clocks meet
-            assert sample.time == pytest.approx(plant.truth.time)
-        if sample:
-            times = np.array(list(poses))
-            linear = [np.interp(sample.time, times, np.array(list(poses.values()))[:, i]) for i in range(2)]
-            # half a step, and what a straight line is off at 5 m/s^2 over 0.5 ms
-            assert np.abs(sample.displacement + datum - linear).max() < 0.455e-6 + 0.16e-6
+    laser, twin = Laser(plant.machine, 4, 'ideal'), Plant(plant.machine, 4, 'ideal')
+    k = np.arange(160)
+    volts = np.stack([0.5 * np.cos(0.05 * k), np.full(160, 0.3)], axis=1)
+    times, displacements = observed(plant, laser, volts)
+    poses = [twin.truth.pose]
+    for row in volts:
+        twin.tick(row)
+        poses.append(twin.truth.pose)
+    poses = np.array(poses) - poses[0]
+    linear = np.stack([np.interp(times, 0.5e-3 * np.arange(161), column) for column in poses.T], axis=1)
+    assert np.abs(displacements).max() > 1e-3
+    # half a step, and what a straight line is off at 5 m/s^2 over 0.5 ms
+    assert np.abs(displacements - linear).max() < 0.455e-6 + 0.16e-6
+    # every 4 ms the clocks meet: nothing is interpolated there
+    assert np.abs(displacements[::5] - poses[:160:8]).max() < 0.456e-6
+
+
+@pytest.mark.parametrize('tick', [0, 7, 4001])
+def test_samples_of_a_stretch_of_ticks_are_those_that_fall_due_in_it(tick):
+    machine = load_machine('xy_stage')
+    times, _ = observed(Plant(machine, 1, 'ideal'), Laser(machine, 1, 'ideal'), np.zeros((33, 2)), tick=tick)
+    due = 0.8e-3 * np.arange(4000)
+    np.testing.assert_allclose(times, due[(due > 0.5e-3 * tick - 1e-9) & (due < 0.5e-3 * (tick + 33) - 1e-9)])
+    assert len(sample_numbers(machine, tick, tick + 33)) == len(times)
+
+
+def test_how_often_it_is_read_changes_nothing():
+    machine, volts = load_machine('four_dof'), np.tile([0.5, 0.4, -0.5, -0.4], (90, 1))
+    readings = [observed(Plant(machine, 4), Laser(machine, 4), volts, read_every=every) for every in (1, 20, 90)]
+    for time, displacement in readings[1:]:
+        np.testing.assert_array_equal(time, readings[0][0])
+        np.testing.assert_array_equal(displacement, readings[0][1])
 
 
 def test_noise_is_its_own_and_repeats_with_the_seed():
@@ -139,15 +159,26 @@ def test_belts_bend_under_acceleration_and_the_laser_sees_it():
     np.testing.assert_allclose((truth.pose - stiff)[:2], moved, atol=0.05 * np.abs(moved).max())
 
 
-def test_laser_after_a_reset_must_be_zeroed():
+def test_noise_of_a_sample_does_not_depend_on_those_before():
+    machine = load_machine('xy_stage')
+    early = observed(Plant(machine, 4, 'ideal'), Laser(machine, 7, 'hard'), np.zeros((1700, 2)))
+    late = observed(Plant(machine, 4, 'ideal'), Laser(machine, 7, 'hard'), np.zeros((100, 2)), tick=1600)
+    np.testing.assert_array_equal(early[1][-len(late[1]) :], late[1])
+
+
+def test_laser_after_a_gap_must_be_zeroed():
     plant = Plant(load_machine('planar'), 1, 'ideal')
     laser = Laser(plant.machine, 1, 'ideal')
-    for _ in range(4):
+    with pytest.raises(PkmError, match=r'tick 0 given; .* call zero'):
+        laser.observe(0, plant.truth)
+    laser.zero(0, plant.truth)
+    for tick in range(1, 5):
         plant.tick([0.0, 0.0])
-        laser.observe(plant.truth)
+        laser.observe(tick, plant.truth)
     plant.reset()
-    with pytest.raises(PkmError, match='call zero'):
-        laser.observe(plant.truth)
-    laser.zero(plant.truth)
+    with pytest.raises(PkmError, match='tick 1 given; expected 5; at first and after a gap call zero'):
+        laser.observe(1, plant.truth)
+    laser.zero(9, plant.truth)
     plant.tick([0.0, 0.0])
-    assert laser.observe(plant.truth).time == 0.0
+    laser.observe(10, plant.truth)
+    assert laser.read().time == pytest.approx([4.8e-3])

@@ -76,6 +76,7 @@ REFUSED = [
     ('four_dof', '  m2: 0.104 kg', '  mass2: 0.104 kg', "unknown key 'masses.mass2'; known: ['m1', "),
     ('four_dof', 'encoder_resolution: 0.2 um', 'encoder_resolution: 0 um', "encoder_resolution: '0 um' given"),
     ('four_dof', 'sample_time: 0.5 ms', 'sample_time: 0 ms', "sample_time: '0 ms' given"),
+    ('four_dof', 'laser_sample_time: 0.8 ms', 'laser_sample_time: -1 ms', "laser_sample_time: '-1 ms' given"),
     ('four_dof', 'rods_about_vertical: isotropic', 'rods_about_vertical: thin', "'isotropic' or 'slender'"),
     ('four_dof', 'r10: 64.35 mm', 'r10: 164.35 mm', 'geometry: r10 164.35 mm; allowed 0 to k10 116.6 mm'),
     ('four_dof', D1, D1.replace('59.5', '99.6'), 'joints.d1: lower 99.6 mm is not below upper 99.5 mm'),

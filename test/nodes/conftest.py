@@ -48,19 +48,19 @@ class Graph:
         self.events = self.listen(CycleEvent, 'cycle_events')
 
     def start(self, node_type, **parameters):
-        """Return a running node with these parameters; a machine brings its motors with it."""
+        """Return a running node with these parameters; a machine brings its motors and its laser with it."""
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self._has_litter = True  # until it is made; one that refuses its parameters cannot be destroyed
         node = node_type(parameter_overrides=overrides)
         self._has_litter = False
-        for each in (node, *getattr(node, 'motors', ())):
+        for each in (node, *getattr(node, 'parts', ())):
             self._add(each)
         self._connect()
         return node
 
     def stop(self, node):
-        """Take a node, and a machine's motors, out of the graph."""
-        for each in (node, *getattr(node, 'motors', ())):
+        """Take a node, and a machine's parts, out of the graph."""
+        for each in (node, *getattr(node, 'parts', ())):
             self._executor.remove_node(each)
             self._nodes.remove(each)
             each.destroy_node()

@@ -52,7 +52,7 @@ def nodes(graph, tmp_path):
         parameters = [Parameter(name, value=value) for name, value in spec.parameters.items()]
         named = {} if spec.name == spec.executable else {'name': spec.name}
         node = NODES[spec.executable](parameter_overrides=parameters, **named)
-        made += [node, *getattr(node, 'motors', [])]
+        made += [node, *getattr(node, 'parts', [])]
     yield made
     for node in made:
         node.destroy_node()

@@ -5,27 +5,29 @@ The thesis's Tables 7.3 and 8.3 imply 0.8 ms and 0.91 um: settling times and err
 the encoders cannot: link errors, offsets of the reference marks, the bend of the belts.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from pkm_core.errors import PkmError
+from pkm_core.laser_clock import nanoseconds, sample_numbers
 from pkm_core.machines.checks import ANGLES
-from pkm_core.noise import laser_noise
+from pkm_core.noise import LaserNoise
 from pkm_core.truth import load_truth
 
 
-class LaserSample(NamedTuple):
-    """One measurement."""
+class LaserSamples(NamedTuple):
+    """Measurements one after the other."""
 
-    time: float  # since the machine was switched on [s]
-    displacement: np.ndarray  # (m,) of the pose from the datum, in the machine's coordinates [m, rad]
+    time: np.ndarray  # (K,) simulated time, 0 at tick 0 [s]
+    displacement: np.ndarray  # (K, m) of the pose from the datum, in the machine's coordinates [m, rad]
 
 
 class Laser:
     """
     The measurement system set up at one machine.
+
+    Call `zero` at the first tick, `observe` at every further one, and `read` now and then: it takes most of the time.
 
     Parameters
     ----------
@@ -41,43 +43,46 @@ class Laser:
         truth, levels = load_truth(machine, environment)
         angular = [coordinate in ANGLES for coordinate in machine.coordinates]
         scale = np.where(angular, 1.0 / truth.laser.rotation_arm, 1.0)  # a rotation is read as a displacement on an arm
+        self._machine = machine
         self._step = truth.laser.resolution * scale
-        self._noise = levels.laser_noise * scale
-        self._sample_time = truth.laser.sample_time
-        self._seed = seed
-        self._last = None
-        self._datum = None
-        self._number = 0
+        self._scale = levels.laser_noise * scale
+        self._noise = LaserNoise(seed, len(scale))
+        self._seen = []  # truths, one a tick
+        self._tick = 0  # of the first of them
 
-    def zero(self, truth):
-        """Take the end point of `truth` (a PlantTruth) as the datum and measure on from its time."""
+    def zero(self, tick, truth):
+        """Take the end point of `truth` (a PlantTruth) at `tick` as the datum and measure on from there."""
         self._datum = truth.pose
-        self._last = truth
-        self._number = math.ceil(truth.time / self._sample_time)
+        self._tick, self._seen = tick, [truth]
 
-    def observe(self, truth):
-        """
-        Return the `LaserSample` that fell since the last call, or None; to be called once a tick with plant.truth.
+    def observe(self, tick, truth):
+        """Look at the machine at `tick`, the one after the last."""
+        expected = self._tick + len(self._seen)
+        if not self._seen or tick != expected:
+            raise PkmError(f'laser: tick {tick} given; expected {expected}; at first and after a gap call zero')
+        self._seen.append(truth)
 
-        The first call sets the datum. Between ticks the joints are followed by a cubic through positions and speeds.
+    def read(self):
         """
-        if self._last is None:
-            self.zero(truth)
-            return None
-        duration = truth.time - self._last.time
-        if duration <= 0.0:
-            raise PkmError(f'laser: {truth.time:g} s given after {self._last.time:g} s; after a reset call zero')
-        before, self._last = self._last, truth
-        due = self._number * self._sample_time
-        if due > truth.time:
-            return None
-        share = (due - before.time) / duration
-        q = _between(before.q, before.qd, truth.q, truth.qd, duration, share)
-        belts = _between(before.belts, before.belt_rates, truth.belts, truth.belt_rates, duration, share)
-        noise = self._noise * laser_noise(self._seed, self._number, self._noise.size)
-        displacement = truth.assembly.end_point(q, belts) - self._datum + noise
-        self._number += 1
-        return LaserSample(due, self._step * np.round(displacement / self._step))
+        Return the `LaserSamples` from the last reading up to, but not at, the last tick observed.
+
+        Between ticks the joints are followed by a cubic through positions and speeds.
+        """
+        duration = self._machine.sample_time
+        last = len(self._seen) - 1
+        numbers = sample_numbers(self._machine, self._tick, self._tick + last)
+        due = numbers * nanoseconds(self._machine.laser_sample_time)
+        row, rest = np.divmod(due - self._tick * nanoseconds(duration), nanoseconds(duration))
+        share = (rest / nanoseconds(duration))[:, np.newaxis]
+
+        def between(name, rate):
+            values, rates = (np.stack([getattr(truth, field) for truth in self._seen]) for field in (name, rate))
+            return _between(values[row], rates[row], values[row + 1], rates[row + 1], duration, share)
+
+        pose = self._seen[0].assembly.end_point(between('q', 'qd'), between('belts', 'belt_rates'))
+        displacement = pose - self._datum + self._scale * self._noise.at(numbers)
+        self._tick, self._seen = self._tick + last, self._seen[-1:]
+        return LaserSamples(due * 1e-9, self._step * np.round(displacement / self._step))
 
 
 def _between(start, start_rate, end, end_rate, duration, share):

@@ -9,7 +9,7 @@ import numpy as np
 from pkm_core.plant_arrays import AMPLIFIER, ENCODER, FLOOR
 
 _ASSEMBLY, _CYCLE, _ENCODER, _AMPLIFIER, _FLOOR, _LASER = range(6)  # new ones at the end keep old bits
-_BLOCK = 1024  # ticks drawn at once
+_BLOCK = 1024  # ticks, or samples of the laser, drawn at once
 _RUN = 32  # of them share the coarse part of the floor's phases
 _TONES = 24  # of the floor vibration, in each direction
 
@@ -23,9 +23,24 @@ def assembly_generator(seed):
     return _generator(seed, _ASSEMBLY)
 
 
-def laser_noise(seed, sample, size):
-    """Return the standard normal noise (size,) of the laser's sample number `sample`."""
-    return _generator(seed, _LASER, sample).standard_normal(size)
+class LaserNoise:
+    """Standard normal noise of the laser, a pure function of the seed and the number of the sample."""
+
+    def __init__(self, seed, size):
+        self._seed = seed
+        self._size = size
+        self._number = None
+
+    def at(self, samples):
+        """Return the noise (K, size) of the samples of the numbers `samples` (K,), from 0."""
+        noise = np.empty((len(samples), self._size))
+        for number in np.unique(samples // _BLOCK):
+            if number != self._number:
+                draw = _generator(self._seed, _LASER, int(number))
+                self._number, self._block = number, draw.standard_normal((_BLOCK, self._size))
+            rows = samples // _BLOCK == number
+            noise[rows] = self._block[samples[rows] % _BLOCK]
+        return noise
 
 
 class CycleNoise:

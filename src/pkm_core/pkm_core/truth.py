@@ -105,9 +105,8 @@ class Payload(Config):
 
 
 class LaserTruth(Config):
-    """The end-point measurement with its own clock."""
+    """What one reading of the end-point measurement is worth; its clock is in the machine's file."""
 
-    sample_time: Annotated[Time, Field(gt=0.0)]
     resolution: Annotated[Length, Field(gt=0.0)]
     rotation_arm: Annotated[Length, Field(gt=0.0)]  # over which a rotation is seen as a displacement
 
@@ -185,9 +184,6 @@ def load_truth(machine, environment):
     steps = machine.sample_time / truth.substep
     if abs(steps - round(steps)) > 1e-9 * steps or round(steps) < 1:
         raise ConfigError(f'{path}: substep {truth.substep:g} s does not divide the tick of {machine.sample_time:g} s')
-    if truth.laser.sample_time < machine.sample_time:  # it is asked for its sample once a tick
-        given = f'laser.sample_time {truth.laser.sample_time:g} s'
-        raise ConfigError(f'{path}: {given} is below the tick of {machine.sample_time:g} s')
     if environment not in truth.environments:
         raise ConfigError(f'{path}: environment {environment!r} is unknown; known: {sorted(truth.environments)}')
     return truth, truth.environments[environment]

@@ -50,7 +50,7 @@ def make_nodes():
         node = NODES[spec.executable](
             parameter_overrides=[Parameter(key, value=value) for key, value in parameters.items()], **named
         )
-        nodes += [node, *getattr(node, 'motors', [])]
+        nodes += [node, *getattr(node, 'parts', [])]
     return nodes
 
 

@@ -190,7 +190,7 @@ class DashboardNode(PkmNode):
             return
         self.cell = Cell(machine, self.get_namespace())
         self._expected = [spec.name for spec in cell_nodes(name, record=False)]  # a recorder need not be there
-        self._expected[1:1] = [f'linear_motor_{joint}' for joint in machine.joints]
+        self._expected[1:1] = [*(f'linear_motor_{joint}' for joint in machine.joints), 'laser']
         while self._of_machine:
             self.destroy_subscription(self._of_machine.pop())
         for joint in machine.joints:

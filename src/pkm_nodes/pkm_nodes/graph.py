@@ -17,7 +17,7 @@ class NodeSpec:
         """Return the command-line arguments that start this node with its and the `common` parameters."""
         parameters = {**common, **self.parameters}
         settings = [word for key, value in parameters.items() for word in ('-p', f'{key}:={_yaml(value)}')]
-        # only where it differs: __node renames every node of a process, and the machine's has five
+        # only where it differs: __node renames every node of a process, and the machine's has six
         rename = [] if self.name == self.executable else ['-r', f'__node:={self.name}']
         return ['--ros-args', *rename, *settings]
 

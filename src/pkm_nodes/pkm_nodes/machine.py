@@ -1,5 +1,5 @@
 """
-Nodes `machine` and `linear_motor_<joint>`: four motors bolted to one simulated mechanism, and the clock of the cell.
+Node `machine`: one simulated mechanism with its motors and the laser in front of it, and the clock of the cell.
 
 The machine is the time base. Tick k carries the encoder samples; it advances when every joint controller has answered
 tick k, and not before. An answer to any other tick is counted and never applied. Between cycles simulated time stands
@@ -21,36 +21,19 @@ from std_srvs.srv import Trigger
 
 from pkm_core.machines import load_machine
 from pkm_core.plant import Plant
-from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand
+from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.conversions import time_of_tick
 from pkm_nodes.events import CycleEvents, subscribe_events
-from pkm_nodes.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, run
+from pkm_nodes.laser import LaserNode
+from pkm_nodes.linear_motor import LinearMotorNode
+from pkm_nodes.node import LAST_VALUE_QOS, PkmNode, run
 
 # [ticks] /clock goes out at 100 Hz of simulated time: ROS tools need no more, and every node has to take it
 CLOCK_EVERY = 20
+# [ticks] the laser tells what it has measured at 100 Hz: one reading of many samples costs little more than of one
+LASER_EVERY = 20
 # [ticks] the longest safe stop: 0.2 s is far more than the brakes need from full speed
 BRAKE_TICKS = 400
-
-
-class LinearMotorNode(PkmNode):
-    """One motor with its encoder: dN/command in, dN/encoder out; the mechanism behind it belongs to `MachineNode`."""
-
-    def __init__(self, joint, index, on_command, **kwargs):
-        super().__init__(f'linear_motor_{joint}', **kwargs)
-        self._sample = EncoderSample()
-        self._publisher = self.create_publisher(EncoderSample, f'{joint}/encoder', TICK_QOS)
-        self.on_tick_topic(MotorCommand, f'{joint}/command', lambda command: on_command(index, command))
-
-    def is_heard(self):
-        """Tell whether every reader of the encoder that the graph knows of is connected, and there is one."""
-        return self._publisher.get_subscription_count() >= max(1, self.count_subscribers(self._publisher.topic_name))
-
-    def publish(self, tick, cycle, index, mode, counts, position):
-        """Send one encoder sample; the message object is reused, because this runs every tick."""
-        sample = self._sample
-        sample.tick, sample.cycle, sample.index, sample.mode = tick, cycle, index, mode
-        sample.counts, sample.position = counts, position
-        self._publisher.publish(sample)
 
 
 class MachineNode(PkmNode):
@@ -71,9 +54,12 @@ class MachineNode(PkmNode):
         self._resolution = machine.encoder_resolution
         self._sample_time = machine.sample_time
         self._plant = Plant(machine, seed, environment=environment)
-        self.motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
+        self._motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
+        self._laser = LaserNode(machine, seed, environment)
+        self.parts = [*self._motors, self._laser]
 
         self._tick = 0
+        self._laser.zero(self._tick, self._plant.truth)
         self._cycle = 0
         self._index = 0
         self._samples = 0
@@ -119,7 +105,7 @@ class MachineNode(PkmNode):
     def _start_if_complete(self):
         """Start the cycle all joints have loaded, once every reader of the encoders is connected."""
         recorder_missing = self._wait_for_recorder and self._recorded_tick < 0
-        if len(self._loaded) < len(self._joints) or recorder_missing or not all(m.is_heard() for m in self.motors):
+        if len(self._loaded) < len(self._joints) or recorder_missing or not all(part.is_heard() for part in self.parts):
             return
         lengths = {joint: samples for joint, (_, samples) in self._loaded.items()}
         cycle = self._loaded[self._joints[0]][0]
@@ -141,7 +127,7 @@ class MachineNode(PkmNode):
             self._clock_publisher.publish(ClockMessage(clock=time_of_tick(self._tick, self._sample_time)))
         self._missing.update(range(len(self._joints)))
         self._waiting_since = monotonic()
-        for motor, counts in zip(self.motors, self._plant.counts.tolist(), strict=True):
+        for motor, counts in zip(self._motors, self._plant.counts.tolist(), strict=True):
             motor.publish(self._tick, self._cycle, self._index, mode, counts, counts * self._resolution)
 
     def _on_command(self, joint, command):
@@ -159,19 +145,27 @@ class MachineNode(PkmNode):
     def _advance(self):
         """All joints have answered: the mechanism moves on by one tick."""
         self._plant.tick(self._volts)
-        self._tick += 1
         self._index += 1
+        self._count()
         self._complaints.clear()
         if self._plant.fault:
             self._stop_safely(self._plant.fault)
         elif self._index == self._samples:
             self._running = False
+            self._laser.publish()
             self._events.publish(CycleEvent.FINISHED, self._cycle, tick=self._tick, samples=self._samples)
         elif self._wait_for_recorder and self._tick - self._recorded_tick > self._window:
             self._held = True
             self._waiting_since = monotonic()
         else:
             self._publish_samples(EncoderSample.RUN)
+
+    def _count(self):
+        """The mechanism has moved on by one tick."""
+        self._tick += 1
+        self._laser.observe(self._tick, self._plant.truth)
+        if self._tick % LASER_EVERY == 0:
+            self._laser.publish()
 
     def _on_recorder_tick(self, message):
         self._recorded_tick = message.data
@@ -201,9 +195,9 @@ class MachineNode(PkmNode):
         elif self._loaded and monotonic() - self._loaded_since > self._start_timeout:
             cycle = next(iter(self._loaded.values()))[0]
             late = [joint for joint in self._joints if joint not in self._loaded]
-            deaf = [j for j, motor in zip(self._joints, self.motors, strict=True) if not motor.is_heard()]
+            deaf = [part.get_name() for part in self.parts if not part.is_heard()]
             self._loaded.clear()
-            reason = f'encoder topics of {deaf} have readers that are not connected after {self._start_timeout} s'
+            reason = f'topics of {deaf} have readers that are not connected after {self._start_timeout} s'
             if self._wait_for_recorder and self._recorded_tick < 0:
                 reason = f'the recorder has not reported within {self._start_timeout} s; is it running?'
             if late:
@@ -217,9 +211,11 @@ class MachineNode(PkmNode):
         if not self._missing:  # the samples of this tick have not gone out yet
             self._publish_samples(EncoderSample.SAFE_STOP)
         for _ in self._plant.brake(BRAKE_TICKS):
-            self._tick += 1
+            self._count()
             self._publish_samples(EncoderSample.SAFE_STOP)
-        self._tick += 1  # no two samples have the same tick, also not across a reset
+        next(self._plant.brake(1))
+        self._count()  # no two samples have the same tick, also not across a reset
+        self._laser.publish()
         self._running = self._held = False
         self._missing.clear()
         self._complaints.clear()
@@ -230,6 +226,7 @@ class MachineNode(PkmNode):
             response.message = f'cycle {self._cycle} is running; a reset is for a machine that stands'
             return response
         self._plant.reset()
+        self._laser.zero(self._tick, self._plant.truth)
         self._loaded.clear()
         response.success = True
         response.message = f'at home; cleared: {self._fault}' if self._fault else 'at home; there was no fault'
@@ -256,9 +253,9 @@ class MachineNode(PkmNode):
 
 
 def make_nodes():
-    """Return the machine and its motors: one process, because they share one mechanism."""
+    """Return the machine, its motors and the laser: one process, because they share one mechanism."""
     machine = MachineNode()
-    return [machine, *machine.motors]
+    return [machine, *machine.parts]
 
 
 def main(args=None):

@@ -52,6 +52,7 @@ class MachineConfig(Config):
     mechanism: str
     sample_time: Annotated[Time, Field(gt=0)]
     encoder_resolution: PositiveLength
+    laser_sample_time: Annotated[Time, Field(gt=0)]  # of the end-point measurement
     drive: DriveConfig
 
 
@@ -81,8 +82,8 @@ class Machine(ABC):
         The kernel ``terms(q, qd, p, M, C, G)`` of pkm_core.dynamics and the same over the rows of histories.
     home : ndarray, shape (n,)
         Joint positions at power-up [m].
-    sample_time, encoder_resolution, voltage_limit, thrust_per_volt : float
-        [s], [m/count], [V], [N/V].
+    sample_time, encoder_resolution, laser_sample_time, voltage_limit, thrust_per_volt : float
+        [s], [m/count], [s], [V], [N/V].
 
     """
 
@@ -105,6 +106,7 @@ class Machine(ABC):
         )
         self.sample_time = config.sample_time
         self.encoder_resolution = config.encoder_resolution
+        self.laser_sample_time = config.laser_sample_time
         self.voltage_limit = drive.voltage_limit
         self.thrust_per_volt = thrust_per_ampere * drive.amplifier_gain
 

@@ -1,0 +1,26 @@
+"""Node `laser`: the end point as an independent instrument sees it, in the machine's process."""
+
+from array import array
+
+from pkm_core.laser import Laser
+from pkm_interfaces.msg import LaserSample
+from pkm_nodes.node import TICK_QOS, PkmNode
+
+
+class LaserNode(PkmNode):
+    """Publishes what the `Laser` in front of the simulated mechanism measures."""
+
+    def __init__(self, machine, seed, environment, **kwargs):
+        super().__init__('laser', **kwargs)
+        self._laser = Laser(machine, seed, environment)
+        self._publisher = self.create_publisher(LaserSample, 'laser', TICK_QOS)
+        self.zero, self.observe = self._laser.zero, self._laser.observe
+
+    def is_heard(self):
+        """Tell whether every reader that the graph knows of is connected; there need not be any."""
+        return self._publisher.get_subscription_count() >= self.count_subscribers(self._publisher.topic_name)
+
+    def publish(self):
+        """Send what has been measured since the last call."""
+        for time, displacement in zip(*self._laser.read(), strict=True):
+            self._publisher.publish(LaserSample(time=float(time), displacement=array('d', displacement.tobytes())))
