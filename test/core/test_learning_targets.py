@@ -7,9 +7,9 @@ import pytest
 
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
-from pkm_core.learning.random_machines import study
 from pkm_core.machines import load_machine
 from pkm_core.motions import load_motion, plan
+from pkm_core.random_machines import study
 from pkm_core.simulation import run_cycles
 from pkm_core.trajectory import to_joints
 

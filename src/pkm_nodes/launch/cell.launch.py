@@ -9,7 +9,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from pkm_nodes.graph import NodeSpec, cell_nodes
+from pkm_nodes.graph import ENVIRONMENTS, NodeSpec, cell_nodes
 
 ARGUMENTS = [
     DeclareLaunchArgument(
@@ -23,12 +23,7 @@ ARGUMENTS = [
     ),
     DeclareLaunchArgument('namespace', default_value='pkm', description='where the cell lives in the graph'),
     DeclareLaunchArgument('seed', default_value='1', description='seed of everything random in the machine'),
-    DeclareLaunchArgument(
-        'environment',
-        default_value='nominal',
-        choices=['ideal', 'nominal', 'hard'],
-        description='how rough the world is',
-    ),
+    DeclareLaunchArgument('environment', default_value='nominal', description=ENVIRONMENTS),
     DeclareLaunchArgument('folder', default_value='bags', description='folder that takes one bag a cycle'),
 ]
 
@@ -49,7 +44,7 @@ def _nodes(context):
         Node(
             package='pkm_nodes',
             executable=spec.executable,
-            # the machine's process has five nodes; a name given here would rename them all
+            # the machine's process has six nodes; a name given here would rename them all
             name=None if spec.name == spec.executable else spec.name,
             namespace=value['namespace'],
             parameters=[{'use_sim_time': True, **spec.parameters}],

@@ -4,7 +4,7 @@ import sys
 
 from rclpy.parameter import Parameter
 
-from pkm_nodes.graph import cell_nodes
+from pkm_nodes.graph import ENVIRONMENTS, cell_nodes
 from pkm_nodes.inverse_kinematics import InverseKinematicsNode
 from pkm_nodes.joint_controller import JointControllerNode
 from pkm_nodes.learning import LearningNode
@@ -33,7 +33,7 @@ class CellNode(PkmNode):
         self.specs = cell_nodes(
             self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'),
             seed=self.setting('seed', 1, 'seed of everything random in the machine'),
-            environment=self.setting('environment', 'nominal', 'how rough the world is: a section of config/truth'),
+            environment=self.setting('environment', 'nominal', ENVIRONMENTS),
             folder=self.setting('folder', 'bags', "folder of the recorder's bags"),
             record=self.setting('record', True, 'run a recorder, and let the machine wait for it'),
         )

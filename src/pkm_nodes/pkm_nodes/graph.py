@@ -4,6 +4,9 @@ from dataclasses import dataclass, field
 
 from pkm_core.machines import load_machine
 
+# what the parameter and the options of this name say of themselves
+ENVIRONMENTS = 'how rough the world is: ideal, nominal, hard, elastic (four_dof) or another section of config/truth'
+
 
 @dataclass(frozen=True)
 class NodeSpec:

@@ -24,6 +24,7 @@ from pkm_core.plant import Plant
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.conversions import time_of_tick
 from pkm_nodes.events import CycleEvents, subscribe_events
+from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.laser import LaserNode
 from pkm_nodes.linear_motor import LinearMotorNode
 from pkm_nodes.node import LAST_VALUE_QOS, PkmNode, run
@@ -43,7 +44,7 @@ class MachineNode(PkmNode):
         super().__init__('machine', **kwargs)
         machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
         seed = self.setting('seed', 1, 'seed of everything random in the machine')
-        environment = self.setting('environment', 'nominal', 'how rough the world is: a section of config/truth')
+        environment = self.setting('environment', 'nominal', ENVIRONMENTS)
         self._answer_timeout = self.setting('answer_timeout', 5.0, '[s, wall] wait for the answers of a tick')
         self._start_timeout = self.setting('start_timeout', 10.0, '[s, wall] wait for the other joints to load a cycle')
         self._wait_for_recorder = self.setting('wait_for_recorder', False, 'run no further ahead of the recorder than')

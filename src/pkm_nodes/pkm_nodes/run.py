@@ -21,6 +21,7 @@ from pkm_core.records import read_cycle
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.trajectory import to_joints
+from pkm_nodes.graph import ENVIRONMENTS
 
 
 class Arrangement(StrEnum):
@@ -40,9 +41,7 @@ def run(
         str, typer.Option(help=f'Learning law: none, {", ".join(law_names())}; or a YAML file.')
     ] = 'fourier_pid',
     seed: Annotated[int, typer.Option(min=0, help='Seed of everything random in the machine.')] = 1,
-    environment: Annotated[
-        str, typer.Option(help='How rough the world is: ideal, nominal, hard, or any other section of config/truth.')
-    ] = 'nominal',
+    environment: Annotated[str, typer.Option(help=f'{ENVIRONMENTS.capitalize()}.')] = 'nominal',
     arrangement: Annotated[Arrangement, typer.Option(help='One process, or one a node.')] = Arrangement.composed,
     out: Annotated[Path | None, typer.Option(help='Folder for results; a new one in runs/ by default.')] = None,
     json_file: Annotated[Path | None, typer.Option('--json', help='Also write the results to this file.')] = None,

@@ -13,7 +13,10 @@ from pkm_core.verbs.design_output import JsonOption, MachineOption, OutOption, S
 def open_loop(
     machine: MachineOption = 'four_dof',
     environment: Annotated[
-        str | None, typer.Option(help='Also the whole simulated machine: ideal, nominal, hard, elastic, ...')
+        str | None,
+        typer.Option(
+            help='Also the whole simulated machine: ideal, nominal, hard, elastic, or any section of its truth.'
+        ),
     ] = None,
     belts: Annotated[
         float | None, typer.Option(min=1.0, help='Also the full model with belts of this stiffness kb [N m/rad].')
