@@ -12,6 +12,8 @@ VERBS = [
     'calibrate',
     'convergence',
     'drive-response',
+    'identify',
+    'identify-bag',
     'margins',
     'open-loop',
     'report',

@@ -23,8 +23,14 @@ from pkm_core.truth import Truth, load_truth
 
 PLANT_SIDE = {'plant', 'laser', 'truth'}  # modules that may read the truth
 MACHINE_MAKERS = {'random_machines'}  # and those that write others, for studies over many plants; modules of pkm_core
+SIMULATED = {'loop'}  # of the identification: the cell without ROS, which holds a plant
+IDENTIFICATION = tuple(
+    f'pkm_core.identification.{path.stem}'
+    for path in sorted((Path(pkm_core.__file__).parent / 'identification').glob('*.py'))
+    if path.stem not in SIMULATED | {'__init__'}
+)
 CONTROLLERS = (  # what holds every controller and law, and what they are fed with
-    *('pkm_core.control.controllers', 'pkm_core.learning'),
+    *('pkm_core.control.controllers', 'pkm_core.learning', *IDENTIFICATION),
     *('pkm_core.motions', 'pkm_core.trajectory', 'pkm_core.machines'),
 )
 READS_TRUTH = re.compile(r'from pkm_core(\.truth import| import .*\btruth\b)|import pkm_core\.truth|["\']truth["\']')

@@ -1,0 +1,213 @@
+"""Records for identification out of bags: those of this cell, and somebody else's axis by topics, fields and units."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pkm_core.bags import read_topics
+from pkm_core.errors import BagError
+from pkm_core.identification import IdentificationError
+from pkm_core.identification.axis_data import AxisData, JointRecord
+from pkm_core.records import read_cycle
+
+_SAME = 1e-3  # sample times: two stamps closer than that are one
+_LARGEST_GAP = 10  # median sample times; what is longer is a hole, not jitter
+
+
+def read_cell_bag(machine, path, namespace='/pkm'):
+    """
+    Return (JointRecord, warnings) of a bag of this cell.
+
+    The excitation is what the topic ``excitation`` says, a message a joint that is excited: ``joint`` and ``voltage``,
+    one value a tick of the cycle.
+
+    Raises
+    ------
+    BagError
+        If `path` is no bag of this cell, or has a gap.
+    IdentificationError
+        If it is empty, of another machine or sample time, or the excitation does not fit the cycle.
+
+    """
+    cycle = read_cycle(path, namespace)
+    name, samples = Path(path).name, len(cycle.ticks)
+    if cycle.joints != machine.joints:
+        raise IdentificationError(f'{name}: joints {list(cycle.joints)}; {machine.name} has {list(machine.joints)}')
+    if abs(cycle.sample_time - machine.sample_time) > 1e-12:
+        raise IdentificationError(
+            f'{name}: sample time {1e3 * cycle.sample_time:g} ms; {machine.name} has {1e3 * machine.sample_time:g} ms'
+        )
+    if samples == 0:
+        raise IdentificationError(f'{name}: is empty: 0 of {cycle.samples} ticks')
+    warnings = [] if cycle.is_whole else [f'{name}: holds {samples} of {cycle.samples} ticks; the rest is missing']
+    moves = zip(cycle.move_starts.tolist(), cycle.move_ends.tolist(), strict=True)
+    record = JointRecord(
+        name=name,
+        reference=cycle.reference,
+        counts=cycle.counts,
+        voltage=cycle.voltage,
+        excitation=_excitation(machine, path, namespace, name, cycle.samples, samples),
+        moves=tuple((start, end) for start, end in moves if end < samples),
+    )
+    return record, warnings
+
+
+def _excitation(machine, path, namespace, name, whole, samples):
+    """Return the excitation (samples, n) [V], or None if the bag has none."""
+    messages = read_topics(path, [f'{namespace}/excitation'])[f'{namespace}/excitation']
+    if not messages:
+        return None
+    volts = np.zeros((whole, len(machine.joints)))
+    for message in messages:
+        if message.joint not in machine.joints or len(message.voltage) != whole:
+            raise IdentificationError(
+                f'{name}: excitation of joint {message.joint!r} with {len(message.voltage)} samples; expected one of '
+                f'{list(machine.joints)} with {whole}'
+            )
+        volts[:, machine.joints.index(message.joint)] = message.voltage
+    return volts[:samples]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Where in a bag a signal is, and its unit."""
+
+    topic: str
+    field: str = 'data'  # e.g. 'effort[2]', 'pose.position.x', or 'position[elbow]' in a message with `name`
+    unit: str = '1'  # anything pint knows, also '0.2 um' for counts of that size
+
+
+def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0, limit=np.inf):
+    """
+    Return (AxisData, dead time beyond whole samples [s], warnings) of an axis in any bag.
+
+    Signals are taken at their header stamps, or when they were received where they have none, and brought to the median
+    sample time of `sensor`: its values by straight lines, drive and excitation held until the next one.
+
+    Parameters
+    ----------
+    path : Path
+        rosbag2 folder, MCAP file or ROS 1 bag.
+    drive, sensor, reference, excitation : Signal
+        What drives the axis, where it is, and if recorded where it should be and what was added to the drive.
+    delay : float
+        From the stamp of the drive to its effect [s].
+    limit : float
+        Of the drive, in its unit.
+
+    Raises
+    ------
+    BagError
+        If `path` cannot be read, or lacks a topic or field.
+    IdentificationError
+        If a signal is empty, has a gap, or a unit does not fit.
+
+    """
+    given = {'drive': drive, 'sensor': sensor, 'reference': reference, 'excitation': excitation}
+    signals = {name: signal for name, signal in given.items() if signal is not None}
+    series = _read_series(path, signals)
+    scale = {name: _scale(name, signal.unit) for name, signal in signals.items()}
+    for name, partner in (('reference', 'sensor'), ('excitation', 'drive')):
+        if name in scale and scale[name][1] != scale[partner][1]:
+            raise IdentificationError(
+                f'{name} in {signals[name].unit}, {partner} in {signals[partner].unit}; expected the same dimension'
+            )
+    begin = max(times[0] for times, _ in series.values())
+    end = min(times[-1] for times, _ in series.values())
+    steps = np.diff(series['sensor'][0])
+    sample_time = float(np.median(steps))
+    warnings = []
+    for name, (times, _) in series.items():
+        longest = np.diff(times).max()
+        if longest > _LARGEST_GAP * sample_time:
+            raise IdentificationError(
+                f'{path}: {signals[name].topic} has a gap of {1e3 * longest:.1f} ms; allowed '
+                f'{1e3 * _LARGEST_GAP * sample_time:.1f} ms, {_LARGEST_GAP} sample times'
+            )
+    jitter = float(np.std(steps)) / sample_time
+    if jitter > 0.1:
+        warnings.append(
+            f'{path}: the samples of {sensor.topic} come every {1e3 * sample_time:.3f} ms +- {100 * jitter:.0f} %'
+        )
+    count = int((end - begin) / sample_time) + 1 if end > begin else 0
+    grid = begin + sample_time * np.arange(count)
+    even = {}
+    for name, (times, values) in series.items():
+        held = name in ('drive', 'excitation')
+        last = np.searchsorted(times, grid + _SAME * sample_time, side='right') - 1
+        at = values[last] if held else np.interp(grid, times, values)
+        even[name] = scale[name][0] * at
+    computation = int(delay / sample_time)
+    data = AxisData(
+        name=Path(path).name,
+        sample_time=sample_time,
+        voltage=even['drive'],
+        position=even['sensor'],
+        reference=even.get('reference'),
+        excitation=even.get('excitation'),
+        limit=limit * scale['drive'][0],
+        computation=computation,
+    )
+    return data, delay - computation * sample_time, warnings
+
+
+def _read_series(path, signals):
+    """Return {name: (times [s], values)} of `signals`."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.highlevel.anyreader import AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    topics = {signal.topic for signal in signals.values()}
+    found = {name: [] for name in signals}
+    try:
+        with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            missing = topics - set(reader.topics)
+            if missing:
+                raise BagError(f'{path}: has no topic {sorted(missing)}; it has {sorted(reader.topics)}')
+            connections = [connection for connection in reader.connections if connection.topic in topics]
+            for connection, received, data in reader.messages(connections=connections):
+                message = reader.deserialize(data, connection.msgtype)
+                stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+                time = received if stamp is None else 10**9 * stamp.sec + stamp.nanosec
+                for name, signal in signals.items():
+                    if signal.topic == connection.topic:
+                        found[name].append((time, _value(message, signal)))
+    except (AnyReaderError, OSError, AssertionError) as error:
+        raise BagError(f'{path}: cannot be read as a bag: {error}') from None
+    for name, pairs in found.items():
+        if len(pairs) < 2:
+            raise IdentificationError(f'{path}: {signals[name].topic} has {len(pairs)} messages; at least 2 are needed')
+    origin = min(pairs[0][0] for pairs in found.values())  # seconds since 1970 leave a double a quarter microsecond
+    series = {}
+    for name, pairs in found.items():
+        times, values = np.array([(1e-9 * (time - origin), value) for time, value in sorted(pairs)]).T
+        new = np.append(True, np.diff(times) > 0)
+        series[name] = times[new], values[new]
+    return series
+
+
+def _value(message, signal):
+    """Return the number that `signal` names in `message`."""
+    value = message
+    try:
+        for part in signal.field.split('.'):
+            part, _, index = part.partition('[')
+            value = getattr(value, part)
+            if index:
+                index = index.rstrip(']')
+                value = value[int(index) if index.isdigit() else list(message.name).index(index)]
+        return float(value)
+    except (AttributeError, IndexError, ValueError, TypeError) as error:
+        raise BagError(f'{signal.topic}: no number at {signal.field!r}: {error}') from None
+
+
+def _scale(name, unit):
+    """Return (factor to SI, dimension) of a unit."""
+    import pint
+
+    try:
+        quantity = pint.UnitRegistry(cache_folder=':auto:').Quantity(unit).to_base_units()
+        return float(quantity.magnitude), quantity.dimensionality
+    except Exception:  # pint raises a dozen kinds for text that is no unit
+        raise IdentificationError(f"{name}: {unit!r} is not a unit; expected e.g. 'V', 'N m' or '0.2 um'") from None

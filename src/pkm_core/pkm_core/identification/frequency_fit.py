@@ -1,0 +1,182 @@
+"""
+Least-squares fit of the high-frequency model H of (7.20) to a measured response, stable and in complex pairs.
+
+The model is fitted as the controller meets it: K H wc/((s + wc) s (s + a)) behind hold and computation, sampled
+exactly, with every line weighted by its own uncertainty. The first guess comes from the response itself, so nothing
+need be known of the modes. Dampings of the resonances are fitted as logarithms, which keeps them stable; those of the
+anti-resonances are free, for zeros may lie in the right half plane.
+
+Responses at several positions are fitted together, with modes in common and a gain each: thrust varies along the
+magnets by more than the lines scatter. Where modes move with position the misfit tells.
+
+A zero far above the band and a dead time turn the phase alike. The dead time is therefore fitted around what is known
+of it, as one more measurement with its own uncertainty, which also widens the covariance of such zeros as it should.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pkm_core.identification import IdentificationError
+from pkm_core.identification.first_guess import guess_modes
+from pkm_core.identification.partial_fractions import PartialFractions
+
+_ZERO_SCALE = 10.0  # signed dampings, of hundredths, stand beside logarithms
+# what is worth a warning
+COHERENT = 0.8
+_CLEAN = 0.98  # coherence from which on noise is less than a seventh of the response
+MISFIT = 2.0
+_POOR_FREQUENCY, _POOR_DAMPING = 0.01, 0.2  # relative standard deviations
+_LINES, _WINDOWED_LINES = 3.0, 8.0  # a resonance narrower than that many lines is not resolved
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What the fit takes as known beside H."""
+
+    viscosity: float  # a [1/s]
+    sample_time: float  # [s]
+    corner: float = np.inf  # [Hz] of the current loop
+    delay: float = 0.0  # [s] dead time beyond the computation
+    delay_deviation: float = 2e-6  # [s] its standard deviation
+    computation: int = 1  # whole samples
+
+    def response(self, frequency, gain, delay, modes):
+        """Return P (F,) [m/V] at `frequency` (F,) [Hz] for a gain, a dead time [s] and modes (m, 4)."""
+        z = np.exp(2j * np.pi * frequency * self.sample_time)
+        axis = PartialFractions.of(self.viscosity, self.corner, modes)
+        return gain * axis.sampled(z, self.sample_time, delay) / z**self.computation
+
+
+@dataclass(frozen=True)
+class HighFrequencyFit:
+    """H as fitted; rows of `modes` are (resonance [Hz], damping, anti-resonance [Hz], damping), both rising."""
+
+    modes: np.ndarray  # (m, 4)
+    covariance: np.ndarray  # (4 m, 4 m) of modes.ravel()
+    gains: np.ndarray  # (responses,) K as each sweep sees it [m/s^2/V]
+    delay: float  # [s] dead time beyond the computation
+    misfit: float  # mean squared error over what the scatter of the measurement explains
+    warnings: tuple[str, ...]
+
+    @property
+    def deviations(self):
+        """Standard deviations of `modes`, (m, 4)."""
+        return np.sqrt(np.diag(self.covariance)).reshape(-1, 4)
+
+
+def fit_high_frequency(responses, known, count=2):
+    """
+    Return the `HighFrequencyFit` of `count` modes to `FrequencyResponse` objects; `known` are their `Surroundings`.
+
+    Raises
+    ------
+    IdentificationError
+        If there are too few lines for the parameters, or `count` resonances do not explain the responses.
+
+    """
+    from scipy.optimize import least_squares
+
+    name, least = responses[0].name, 2 * count + 5
+    lines = min(response.frequency.size for response in responses)
+    if lines < least:
+        raise IdentificationError(f'{name}: {lines} lines for {count} modes; at least {least} are needed')
+    guesses = [_guess(response, known, count) for response in responses]
+    weights = [np.sqrt(2) / response.deviation for response in responses]  # real and imaginary part: half the variance
+
+    def errors(x):
+        gains, delay, modes = _unpack(x, known, len(responses))
+        parts = [
+            weight * (response.plant - known.response(response.frequency, gain, delay, modes))
+            for response, weight, gain in zip(responses, weights, gains, strict=True)
+        ]
+        known_delay = x[len(gains) : len(gains) + 1]
+        return np.concatenate([*(part.real for part in parts), *(part.imag for part in parts), known_delay])
+
+    starts = (_pack([gain for gain, _ in guesses], modes) for _, modes in guesses)
+    found = min(
+        (least_squares(errors, start, method='lm', x_scale='jac', max_nfev=2000) for start in starts),
+        key=lambda each: each.cost,
+    )
+    gains, delay, modes = _unpack(found.x, known, len(responses))
+    misfit = 2 * found.cost / (found.fun.size - found.x.size)
+    if not found.success or (modes[:, 1] >= 1).any():
+        best = ', '.join(f'{f:.0f} Hz (damping {z:.2g})' for f, z in modes[:, :2])
+        raise IdentificationError(
+            f'{name}: {count} resonances do not explain the response; best are {best}, {misfit:.1f} times off what the '
+            f'scatter of the measurement explains'
+        )
+    scale = modes.copy()  # of logarithms
+    scale[:, 3] = 1 / _ZERO_SCALE
+    first = len(gains) + 1  # of the modes in the vector that is fitted
+    covariance = np.linalg.pinv(found.jac.T @ found.jac)[first:, first:] * max(1.0, misfit)
+    modes, covariance = _rising(modes, covariance * np.outer(scale, scale))
+    deviations = np.sqrt(np.diag(covariance)).reshape(-1, 4)
+    return HighFrequencyFit(
+        modes, covariance, gains, delay, misfit, tuple(_warnings(responses, modes, deviations, misfit))
+    )
+
+
+def response_fit_percent(response, known, fit, gain):
+    """Return 100 (1 - rms of P_measured/P_model - 1) over the lines that noise leaves alone; nan if there are none."""
+    lines = response.coherence >= _CLEAN
+    if not lines.any():
+        return float('nan')
+    model = known.response(response.frequency[lines], gain, fit.delay, fit.modes)
+    return float(100 * (1 - np.sqrt(np.mean(np.abs(response.plant[lines] / model - 1) ** 2))))
+
+
+def _guess(response, known, count):
+    rigid = known.response(response.frequency, 1.0, known.delay, ())
+    return guess_modes(response.frequency, response.plant / rigid, response.deviation / np.abs(rigid), count)
+
+
+def _pack(gains, modes):
+    """Return the vector that is fitted: log gains, dead time off the known one over its deviation, the modes."""
+    rows = np.column_stack([np.log(modes[:, :3]), _ZERO_SCALE * modes[:, 3]])
+    return np.concatenate([np.log(gains), [0.0], rows.ravel()])
+
+
+def _unpack(x, known, count):
+    """Return gains (count,), dead time and modes of the vector that is fitted."""
+    rows = x[count + 1 :].reshape(-1, 4)
+    modes = np.column_stack([np.exp(np.clip(rows[:, :3], -20, 20)), rows[:, 3] / _ZERO_SCALE])
+    return np.exp(x[:count]), float(known.delay + known.delay_deviation * x[count]), modes
+
+
+def _rising(modes, covariance):
+    """Return both with resonances, and anti-resonances apart from them, in rising order."""
+    places = np.arange(modes.size).reshape(modes.shape)
+    order = np.hstack([places[np.argsort(modes[:, 0]), :2], places[np.argsort(modes[:, 2]), 2:]])
+    return modes.ravel()[order], covariance[np.ix_(order.ravel(), order.ravel())]
+
+
+def _warnings(responses, modes, deviations, misfit):
+    for response in responses:
+        frequency, coherence = response.frequency, response.coherence
+        poor = coherence < COHERENT
+        if poor.any():
+            yield (
+                f'{response.name}: coherence is below {COHERENT:g} at {poor.sum()} of {poor.size} lines '
+                f'({frequency[poor].min():.0f} to {frequency[poor].max():.0f} Hz), lowest {coherence.min():.2f}'
+            )
+    name, frequency = responses[0].name, responses[0].frequency
+    if misfit > MISFIT:
+        yield f'{name}: the fit is {misfit:.1f} times off what the scatter explains; more modes may be needed'
+    spacing = frequency[1] - frequency[0]
+    needed = _LINES if responses[0].periodic else _WINDOWED_LINES
+    for row, deviation in zip(modes, deviations, strict=True):
+        for what, f, z, f_deviation, z_deviation in (
+            ('resonance', *row[:2], *deviation[:2]),
+            ('anti-resonance', *row[2:], *deviation[2:]),
+        ):
+            value = f'{what} at {f:.1f} +- {f_deviation:.1f} Hz (damping {z:.4f} +- {z_deviation:.4f})'
+            if not frequency[0] <= f <= frequency[-1]:
+                yield f'{name}: {value} lies outside the band of {frequency[0]:.0f} to {frequency[-1]:.0f} Hz'
+            if f_deviation > _POOR_FREQUENCY * f or z_deviation > _POOR_DAMPING * abs(z):
+                yield f'{name}: {value} is uncertain'
+        if 2 * row[1] * row[0] < needed * spacing:
+            yield (
+                f'{name}: resonance at {row[0]:.0f} Hz is {2 * row[1] * row[0]:.1f} Hz wide; lines every '
+                f'{spacing:.1f} Hz do not resolve it'
+            )

@@ -1,0 +1,177 @@
+"""
+The response P(jw) of an axis from records in closed loop, with its uncertainty at every frequency.
+
+u and y both contain noise that the loop has fed back, so S_yu/S_uu is biased towards -1/C. The excitation r is not
+touched by noise; it is the instrument of P = S_yr/S_ur (joint input-output method), which is consistent whatever the
+loop does. Spectra are means over segments. A periodic excitation is cut into whole periods, which leaves no leakage;
+any other into eighths of a pass under a Hann window, half overlapping. Without a recorded excitation S_yu/S_uu is all
+there is, and the result says so.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from pkm_core.identification import IdentificationError
+
+_SPREAD = 9  # lines over which a variance is averaged; a few segments alone tell it badly
+_ALIKE = 0.5  # of the power: correlation from which on a lag is looked at as a period
+_WEAK = 1e-4  # of the strongest line: power from which on a line counts as excited
+_GAP = 20  # samples of zero excitation that end a pass; a sine crosses zero in one
+_OVERLAP = 1.06  # variance of half overlapping Hann segments: neighbours share (1/6)^2 of their power
+_PARTS = 8  # into which a pass is cut whose excitation does not repeat
+_SHORTEST = 256  # samples of such a part
+_SATURATED = 0.01  # share of samples at the drive's limit from which on a record is refused
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """P over a band, computation and hold included."""
+
+    name: str
+    frequency: np.ndarray  # (F,) rising [Hz]
+    plant: np.ndarray  # (F,) complex [m/V]
+    deviation: np.ndarray  # (F,) standard deviation of `plant` [m/V]
+    coherence: np.ndarray  # (F,) between excitation and position, 0 to 1
+    segments: int
+    position: float  # [m] mean place of the axis
+    periodic: bool
+    instrument: bool  # whether an excitation served as one
+    warnings: tuple[str, ...]
+
+    def initial_gain(self, share=0.15):
+        """Return the mean |w^2 P| [m/s^2/V] over the first `share` of the lines: how strongly the axis answers."""
+        first = slice(0, max(1, round(share * self.frequency.size)))
+        return float(np.mean((2 * np.pi * self.frequency[first]) ** 2 * np.abs(self.plant[first])))
+
+
+def estimate_response(data, band=None):
+    """
+    Return the `FrequencyResponse` of an `AxisData`.
+
+    `band` [Hz] is by default where the excitation, or else the voltage, has 99 % of its power.
+
+    Raises
+    ------
+    IdentificationError
+        If the band does not lie below half the sampling rate or has no line, nothing was excited, the record is shorter
+        than two segments, or a share of _SATURATED of the samples is at the drive's limit.
+
+    """
+    source = data.voltage if data.excitation is None else data.excitation
+    starts, length, periodic = _segments(data, source)
+    saturated = np.mean([data.saturated(start, start + length) / length for start in starts])
+    if saturated > _SATURATED:
+        raise IdentificationError(
+            f'{data.name}: the excitation is saturated: {100 * saturated:.1f} % of the samples are at '
+            f'{data.limit:g} V; allowed {100 * _SATURATED:g} %'
+        )
+    frequency = np.fft.rfftfreq(length, data.sample_time)
+    R, U, Y = (_spectra(values, starts, length, periodic) for values in (source, data.voltage, data.position))
+    lines = _lines(data, frequency, np.sum(np.abs(R) ** 2, axis=0), band)
+    R, U, Y = (spectra[:, lines] for spectra in (R, U, Y))
+    driven, moved = (np.sum(spectra * R.conj(), axis=0) for spectra in (U, Y))
+    plant = moved / driven
+    power = np.sum(np.abs(R) ** 2, axis=0) * np.sum(np.abs(Y) ** 2, axis=0)
+    scatter = np.sum(np.abs((Y - plant * U) * R.conj()) ** 2, axis=0) / np.abs(moved) ** 2
+    scatter *= len(starts) / (len(starts) - 1) * (1.0 if periodic else _OVERLAP)
+    warnings = []
+    if saturated:
+        warnings.append(f'{data.name}: {100 * saturated:.2f} % of the samples are at the limit of {data.limit:g} V')
+    if data.excitation is None:
+        warnings.append(f'{data.name}: no excitation was recorded: S_yu/S_uu, biased where the loop feeds noise back')
+    return FrequencyResponse(
+        name=data.name,
+        frequency=frequency[lines],
+        plant=plant,
+        deviation=np.abs(plant) * np.sqrt(uniform_filter1d(scatter, min(_SPREAD, scatter.size))),
+        coherence=np.abs(moved) ** 2 / power,
+        segments=len(starts),
+        position=float(np.mean([data.position[start : start + length].mean() for start in starts])),
+        periodic=periodic,
+        instrument=data.excitation is not None,
+        warnings=tuple(warnings),
+    )
+
+
+def _lines(data, frequency, power, band):
+    """Return which lines (F,) lie in the band and carry power."""
+    if band is None:
+        share = np.cumsum(power) / np.sum(power)
+        low, high = np.searchsorted(share, (0.005, 0.995))
+        band = max(frequency[low], frequency[1]), min(frequency[high], frequency[-2])
+    nyquist = 0.5 / data.sample_time
+    if not 0 < band[0] < band[1] < nyquist:
+        raise IdentificationError(
+            f'{data.name}: band {band[0]:g} to {band[1]:g} Hz; expected 0 < from < to < {nyquist:g} Hz, half the '
+            f'sampling rate'
+        )
+    lines = (frequency >= band[0]) & (frequency <= band[1]) & (power > _WEAK * power.max())
+    if not lines.any():
+        raise IdentificationError(
+            f'{data.name}: nothing was excited from {band[0]:g} to {band[1]:g} Hz; the strongest line is at '
+            f'{frequency[power.argmax()]:.1f} Hz'
+        )
+    return lines
+
+
+def _segments(data, source):
+    """Return the first samples of the segments, their length and whether they are whole periods."""
+    passes = _passes(source)
+    if not passes:
+        raise IdentificationError(f'{data.name}: no excitation: it is zero at all {len(source)} samples')
+    longest = max(passes, key=lambda each: each[1] - each[0])
+    length = step = _period(source[slice(*longest)])
+    periodic = length is not None
+    if not periodic:
+        length = max((longest[1] - longest[0]) // _PARTS, _SHORTEST)
+        step = length // 2
+    starts = []
+    for begin, end in passes:  # counted from the end: what is left over lies at the beginning, where the axis settles
+        found = list(range(end - length, begin - 1, -step))
+        starts += found if len(found) > 1 or not periodic else []
+    if len(starts) < 2:
+        raise IdentificationError(
+            f'{data.name}: the excitation lasts for {sum(b - a for a, b in passes)} samples, {len(starts)} segments of '
+            f'{length}; at least 2 are needed'
+        )
+    return sorted(starts), length, periodic
+
+
+def _passes(source):
+    """Return (start, end) of the parts in which `source` is not zero for longer than _GAP."""
+    active = np.flatnonzero(source)
+    if active.size == 0:
+        return []
+    cuts = np.flatnonzero(np.diff(active) > _GAP)
+    return list(zip(active[np.append(0, cuts + 1)], active[np.append(cuts, -1)] + 1, strict=True))
+
+
+def _period(values):
+    """Return the period [samples] of `values`, or None if they do not repeat to the last bit."""
+    lags = np.arange(values.size // 2 + 1)
+    spectrum = np.abs(np.fft.rfft(values, 2 * values.size)) ** 2
+    likeness = np.fft.irfft(spectrum)[: lags.size] / (values.size - lags)
+    for lag in np.flatnonzero(likeness[2:] > _ALIKE * likeness[0]) + 2:
+        if np.array_equal(values[lag:], values[:-lag]):
+            return int(lag)
+    return None
+
+
+def _spectra(values, starts, length, periodic):
+    """
+    Return the spectra (segments, F) of the segments without the drift of a jog.
+
+    The drift of a period is what it differs by from its neighbour; a straight line fitted to one period would take a
+    part of the sweep away, and of u another than of y.
+    """
+    rows = np.stack([values[start : start + length] for start in starts])
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    if not periodic:
+        return np.fft.rfft(rows * np.hanning(length + 1)[:-1], axis=1)
+    for row, start in zip(rows, starts, strict=True):
+        other = start + length if start + length in starts else start - length
+        step = np.mean(values[other : other + length] - values[start : start + length]) / (other - start)
+        row -= step * (np.arange(length) - 0.5 * (length - 1))
+    return np.fft.rfft(rows, axis=1)

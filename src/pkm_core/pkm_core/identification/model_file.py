@@ -1,0 +1,68 @@
+"""What was identified as a file of config/model: loadable by controllers, with the uncertainty of every value."""
+
+from pathlib import Path
+
+from pkm_core.control.model import load_model
+from pkm_core.errors import PkmError
+from pkm_core.identification import IdentificationError
+
+
+def write_model(path, machine, found, believed, origin):
+    """
+    Write a file that `load_model` takes, and return {joint: AxisModel} as read back from it.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    machine : Machine
+        Whose axes they are.
+    found : dict of str to AxisIdentification
+        What was identified.
+    believed : dict of str to AxisModel
+        What stays of the joints that were not.
+    origin : str
+        The command that made it, for the head of the file.
+
+    """
+    lines = [
+        f'# What the controllers of {machine.name} know about their axes, (7.18)-(7.20).',
+        f'# Identified by `{origin}`; +- is one standard deviation.',
+        'joints:',
+    ]
+    for joint in machine.joints:
+        prior = believed[joint]
+        axis = found.get(joint)
+        lines += [f'  {joint}:', *_axis_lines(axis.model(prior.current_loop) if axis else prior, axis)]
+    path = Path(path)
+    try:
+        path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    except OSError as error:
+        raise IdentificationError(f'{path}: cannot be written: {error.strerror}') from None
+    try:
+        return load_model(machine, path)
+    except PkmError:
+        path.unlink()  # no controller shall find half a model
+        raise
+
+
+def _axis_lines(model, axis):
+    if axis is None:
+        gain = viscosity = 'not identified'
+        modes = [('not identified',) * 4 for _ in model.modes]
+    else:
+        deviations = axis.low.deviations
+        correlation = axis.low.covariance[0, 1] / deviations.prod()
+        gain = f'K +- {1e3 * deviations[0]:.3g}'
+        viscosity = f'a +- {deviations[1]:.3g}, correlation with K {correlation:.3f}'
+        rows = axis.high.deviations if axis.high else []
+        modes = [(f'+- {f:.2g}', f'+- {z:.2g}', f'+- {fa:.2g}', f'+- {za:.2g}') for f, z, fa, za in rows]
+    yield f'    gain: {1e3 * model.gain:.7g} mm/s^2/V  # {gain}'
+    yield f'    viscosity: {model.viscosity:.6g} 1/s  # {viscosity}'
+    yield f'    current_loop: {model.current_loop:.7g} Hz  # taken as known'
+    yield '    modes:' if model.modes else '    modes: []  # not identified'
+    for mode, notes in zip(model.modes, modes, strict=True):
+        yield f'      - resonance: {mode.resonance:.7g} Hz  # {notes[0]}'
+        yield f'        resonance_damping: {mode.resonance_damping:.6g}  # {notes[1]}'
+        yield f'        antiresonance: {mode.antiresonance:.7g} Hz  # {notes[2]}'
+        yield f'        antiresonance_damping: {mode.antiresonance_damping:.6g}  # {notes[3]}'

@@ -1,0 +1,192 @@
+"""
+The low-frequency model L = K/(s (s + a)) of (7.19) by the prediction-error method, from moves in closed loop.
+
+Over each stretch of one-way motion the model predicts the position from the voltage actually sent,
+
+    y = K F(a) (u - reaction) + nuisance,   F(a) = sampled H wc/((s + wc) s (s + a)) behind hold and computation,
+
+with what is known of H and the current loop. The nuisance of a stretch is its initial position and speed and one
+constant acceleration: while a slider does not turn round Coulomb friction is a constant, and so is what cogging and
+gravity leave on average. The constants of stretches there and back differ by friction; their mean is the offset.
+
+The voltage contains feedback, that is noise, so least squares is biased in closed loop. The equations are therefore
+correlated with the reference, which no noise ever enters: the instruments are the reference and the reference behind
+1/(s + a), which is what K and a move the prediction by.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from pkm_core.identification import IdentificationError
+from pkm_core.identification.partial_fractions import SLOWEST
+from pkm_core.identification.prediction import SHORTEST, moving_stretches, predict
+
+_GUESSES = np.geomspace(0.1, 1000.0, 17)  # 1/s
+_ITERATIONS = 50
+_CONVERGED = 1e-9  # relative
+_COLLINEAR = 1e8  # condition number
+_FEW = 4  # stretches
+# what is worth a warning
+_POOR_FIT = 98.0  # per cent
+_POOR_GAIN, _POOR_VISCOSITY = 0.02, 0.1  # relative standard deviations
+
+
+@dataclass(frozen=True)
+class LowFrequencyFit:
+    """L as fitted; `covariance` is of (gain, viscosity), from the scatter between the stretches of motion."""
+
+    gain: float  # K [m/s^2/V]
+    viscosity: float  # a [1/s]
+    covariance: np.ndarray  # (2, 2)
+    friction: float  # [V] Coulomb; nan if the axis moved one way only
+    offset: float  # [V] constant drive
+    fit_percent: float  # on stretches not used for the fit; nan if there were too few
+    residual: float  # [m] rms over the stretches used
+    used: int  # stretches
+    held_out: int
+    instrument: bool  # whether a reference served as one
+    warnings: tuple[str, ...]
+
+    @property
+    def deviations(self):
+        """Standard deviations of gain and viscosity."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def fit_low_frequency(records, known):
+    """
+    Return the `LowFrequencyFit` to a list of `AxisData` of one axis; `known` is a `KnownDynamics`.
+
+    Every second pair of stretches is held out where there are at least _FEW.
+
+    Raises
+    ------
+    IdentificationError
+        If there are not two stretches of motion, or they do not determine K and a.
+
+    """
+    stretches = [stretch for data in records for stretch in moving_stretches(data)]
+    spare = {number for number in range(len(stretches)) if len(stretches) >= _FEW and number // 2 % 2}
+    held_out = [stretches[number] for number in sorted(spare)]
+    used = [stretch for number, stretch in enumerate(stretches) if number not in spare]
+    if len(used) < 2:
+        raise IdentificationError(
+            f'{records[0].name}: {len(used)} stretches of one-way motion over {SHORTEST} samples; at least 2 are '
+            f'needed (the axis covers {1e3 * max(np.ptp(data.position) for data in records):.3f} mm)'
+        )
+    gain, viscosity, covariance = _solve(used, known)
+    fit = predict(used, viscosity, known)
+    constants = np.array([-each.constant(gain) / gain for each in fit])
+    directions = np.array([stretch.direction for stretch in used])
+    friction, offset = np.nan, float(constants.mean())
+    if np.ptp(directions):
+        columns = np.column_stack([np.ones(len(used)), directions])
+        (offset, friction), *_ = np.linalg.lstsq(columns, constants, rcond=None)
+    errors = np.concatenate([each.error(gain) for each in fit])
+    percent = fit_percent(predict(held_out, viscosity, known), gain) if held_out else np.nan
+    return LowFrequencyFit(
+        gain=gain,
+        viscosity=viscosity,
+        covariance=covariance,
+        friction=float(friction),
+        offset=float(offset),
+        fit_percent=percent,
+        residual=float(np.sqrt(np.mean(errors**2))),
+        used=len(used),
+        held_out=len(held_out),
+        instrument=all(data.reference is not None for data in records),
+        warnings=tuple(_warnings(used, gain, viscosity, covariance, friction, percent)),
+    )
+
+
+def fit_percent(predictions, gain):
+    """Return 100 (1 - |y - y_hat|/|y - mean y|) over all `predictions`."""
+    error = sum(np.sum(each.error(gain) ** 2) for each in predictions)
+    motion = sum(np.sum((each.measured - each.measured.mean()) ** 2) for each in predictions)
+    return float(100 * (1 - np.sqrt(error / motion)))
+
+
+def _solve(used, known):
+    """Return K, a and their covariance."""
+    viscosity = min(_GUESSES, key=lambda guess: _least_squares(predict(used, guess, known))[1])
+    gain, _ = _least_squares(predict(used, viscosity, known))
+    for _ in range(_ITERATIONS):
+        equations, slopes = _equations(used, known, gain, viscosity)
+        step = _solved(used, slopes.sum(axis=0), -equations.sum(axis=0))
+        before = gain, viscosity
+        gain, viscosity = gain + step[0], float(np.clip(viscosity + step[1], 0.3 * viscosity, 3 * viscosity))
+        if viscosity < SLOWEST:  # an axis without viscous friction
+            viscosity = SLOWEST
+            gain, _ = _least_squares(predict(used, viscosity, known))
+            break
+        if np.allclose(before, (gain, viscosity), rtol=_CONVERGED, atol=0):
+            break
+    else:
+        raise IdentificationError(
+            f'{used[0].data.name}: no K and a explain the moves: a is at {viscosity:.3g} 1/s and wanders'
+        )
+    equations, slopes = _equations(used, known, gain, viscosity)
+    inverse = _solved(used, slopes.sum(axis=0), np.eye(2))
+    scatter = equations.T @ equations * (len(used) / max(len(used) - 2, 1))
+    return float(gain), float(viscosity), inverse @ scatter @ inverse.T
+
+
+def _solved(used, matrix, right):
+    """Return the solution of the 2 x 2 equations; refuse moves that do not tell K and a apart."""
+    scaled = matrix / np.linalg.norm(matrix, axis=0)
+    if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _COLLINEAR:
+        raise IdentificationError(f'{used[0].data.name}: the moves do not tell K and a apart; vary their speed')
+    return np.linalg.solve(matrix, right)
+
+
+def _least_squares(predictions):
+    """Return (gain, sum of squared errors) of the best gain."""
+    measured, driven = (
+        np.concatenate([each.free(getattr(each, name)) for each in predictions]) for name in ('measured', 'driven')
+    )
+    gain = driven @ measured / (driven @ driven)
+    return gain, float(np.sum((measured - gain * driven) ** 2))
+
+
+def _equations(used, known, gain, viscosity):
+    """Return, per stretch, the instruments times the error (m, 2) and the derivative of that to K and a (m, 2, 2)."""
+    step = 1e-4 * viscosity
+    here, above, below = (predict(used, viscosity + shift, known) for shift in (0.0, step, -step))
+    equations, slopes = [], []
+    for stretch, at, up, down in zip(used, here, above, below, strict=True):
+        change = np.column_stack([-at.free(at.driven), (up.error(gain) - down.error(gain)) / (2 * step)])
+        instruments = change
+        if stretch.data.reference is not None:
+            clean = stretch.of(stretch.data.reference)
+            sample_time = stretch.data.sample_time
+            slowed = lfilter([sample_time], [1, -np.exp(-viscosity * sample_time)], clean)
+            instruments = np.column_stack([at.free(clean), at.free(slowed)])
+        equations.append(instruments.T @ at.error(gain))
+        slopes.append(instruments.T @ change)
+    return np.array(equations), np.array(slopes)
+
+
+def _warnings(used, gain, viscosity, covariance, friction, percent):
+    deviation = np.sqrt(np.diag(covariance))
+    if len(used) < _FEW:
+        yield f'{len(used)} stretches of motion were used; with less than {_FEW} the uncertainty is a guess'
+    if not np.isfinite(percent):
+        yield 'no stretch of motion was left to check the fit with'
+    elif percent < _POOR_FIT:
+        yield f'L explains {percent:.1f} % of moves it was not fitted to; {_POOR_FIT:g} % is expected'
+    if deviation[0] > _POOR_GAIN * abs(gain):
+        yield f'K is uncertain by {100 * deviation[0] / abs(gain):.1f} %; {100 * _POOR_GAIN:g} % is expected'
+    if deviation[1] > _POOR_VISCOSITY * viscosity:
+        yield (
+            f'a = {viscosity:.2f} +- {deviation[1]:.2f} 1/s: the moves are too slow or too short to tell viscous '
+            f'friction'
+        )
+    if np.isnan(friction):
+        yield 'the axis moved one way only: friction cannot be told from an offset'
+    if any(stretch.data.reference is None for stretch in used):
+        yield 'no reference was recorded: plain least squares, biased if the loop was closed and the noise not small'
+    saturated = sum(stretch.data.saturated(stretch.start, stretch.end) for stretch in used)
+    if saturated:
+        yield f'{saturated} samples of the moves are at the limit of {used[0].data.limit:g} V'

@@ -1,0 +1,97 @@
+"""The swept sine in the closed loop: how it is made, and what it will do to an axis of which a model is believed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pkm_core.identification import IdentificationError
+from pkm_core.identification.partial_fractions import PartialFractions, mode_rows
+
+_SLIDING = 0.9  # largest speed of the vibration over that of the jog at which the slider still never stops
+_FEWEST_LINES = 10
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """How the swept sine is made."""
+
+    band: tuple[float, float] = (80.0, 500.0)  # [Hz], thesis 7.3.2
+    period: float = 0.512  # [s]; lines every 2 Hz, the sharpest resonance of the thesis is 9 Hz wide
+    periods: int = 2  # in each direction of the jog
+    settling: float = 0.256  # [s] of each pass before the periods that count; the slowest loop forgets all but 2e-4
+    speed: float = 15e-3  # [m/s] of the jog; an encoder of 20 um signal period then errs at 750 Hz, above the band
+    shake: float = 0.6  # largest speed of the vibration over that of the jog
+    voltage: float = 2.5  # [V] largest amplitude, and at most a half of what the drive can give
+
+
+def one_period(sweep, model, gains, sample_time, limit):
+    """
+    Return one period (P,) [V]: frequency rises evenly, amplitude keeps the vibration's speed or the voltage.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        What is wanted.
+    model : AxisModel
+        What is believed of the axis.
+    gains : RobustGains
+        The loop that runs meanwhile.
+    sample_time : float
+        [s].
+    limit : float
+        What the drive can give [V].
+
+    Raises
+    ------
+    IdentificationError
+        If the band does not lie below half the sampling rate, has too few lines, or the vibration stops the slider.
+
+    """
+    _check(sweep, sample_time)
+    count = round(sweep.period / sample_time)
+    duration = count * sample_time
+    low, high = (round(edge * duration) for edge in sweep.band)  # [periods of it]
+    high += (low + high) % 2  # then the phase closes with a whole number of turns
+    s = np.arange(count) / count
+    frequency = (low + (high - low) * s) / duration
+    rigid = model.gain / (2 * np.pi * frequency) * np.abs(_sensitivity(model, gains, frequency, sample_time))
+    amplitude = np.minimum(min(sweep.voltage, 0.5 * limit), sweep.shake * sweep.speed / rigid)
+    volts = amplitude * np.sin(2 * np.pi * (low * s + 0.5 * (high - low) * s * s))
+    fastest = np.abs(forecast(model, gains, volts, sample_time)[1]).max()
+    if fastest > _SLIDING * sweep.speed:
+        raise IdentificationError(
+            f'the sweep shakes the slider at up to {1e3 * fastest:.1f} mm/s; allowed is {_SLIDING:g} times the '
+            f"jog's {1e3 * sweep.speed:g} mm/s, or friction falsifies the response"
+        )
+    return volts
+
+
+def forecast(model, gains, volts, sample_time):
+    """Return the voltage (N,) that `volts` (N,) become in the closed loop and the speed (N,) of the carriage [m/s]."""
+    frequency = np.fft.rfftfreq(len(volts), sample_time)[1:]
+    spectrum = np.fft.rfft(volts)[1:] * _sensitivity(model, gains, frequency, sample_time)
+    # friction feels the carriage, not what swings on it: the rigid part
+    speed = spectrum * model.gain / (2j * np.pi * frequency + model.viscosity)
+    return tuple(np.fft.irfft(np.append(0, each), len(volts)) for each in (spectrum, speed))
+
+
+def _check(sweep, sample_time):
+    (low, high), nyquist = sweep.band, 0.5 / sample_time
+    what = f'sweep from {low:g} to {high:g} Hz'
+    if not 0 < low < high < nyquist:
+        raise IdentificationError(f'{what}; expected 0 < from < to < {nyquist:g} Hz, half the sampling rate')
+    lines = (high - low) * sweep.period
+    if lines < _FEWEST_LINES:
+        raise IdentificationError(
+            f'{what} in {1e3 * sweep.period:g} ms has {lines:.1f} lines; at least {_FEWEST_LINES} are needed'
+        )
+    if sweep.periods < 2:
+        raise IdentificationError(f'{what}: {sweep.periods} period in a pass; at least 2 tell drift from sweep')
+
+
+def _sensitivity(model, gains, frequency, sample_time):
+    """Return S = 1/(1 + L) of the loop at `frequency` (F,) [Hz], all above 0."""
+    z = np.exp(2j * np.pi * frequency * sample_time)
+    fractions = PartialFractions.of(model.viscosity, model.current_loop, mode_rows(model.modes))
+    plant = model.gain * fractions.sampled(z, sample_time) / z
+    return 1 / (1 + gains.response(z, sample_time) * plant)
