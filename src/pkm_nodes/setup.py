@@ -34,6 +34,7 @@ setup(
         'console_scripts': [f'{node} = pkm_nodes.{node}:main' for node in NODES],
         # verbs that need ROS; pkm_core.cli adds every verb it finds in this group
         'pkm.verbs': [
+            'bench = pkm_nodes.bench.verb:bench',
             'bag-play = pkm_nodes.bag_play:bag_play',
             'page = pkm_nodes.page_verb:page',
             'run = pkm_nodes.run:run',

@@ -19,10 +19,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-from closed_chain import TICKS, MujocoChain, forces, reference, step_rigid
 from rich.console import Console
 from rich.table import Table
 
+from pkm_core.closed_chain import TICKS, MujocoChain, forces, reference, step_rigid
 from pkm_core.config import config_folder
 from pkm_core.machines import load_machine
 from pkm_core.plant import Plant

@@ -4,16 +4,11 @@ The rigid 4-DOF machine against MuJoCo, which knows nothing of our equations: it
 `test/bench/plant.py` is the bench itself; this is the part of it that must hold.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from pkm_core.closed_chain import MujocoChain, forces, reference, step_rigid
 from pkm_core.machines import load_machine
-
-sys.path.append(str(Path(__file__).parent))
-from closed_chain import MujocoChain, forces, reference, step_rigid
 
 MACHINE = load_machine('four_dof')
 FORCE = forces(MACHINE)

@@ -66,9 +66,9 @@ class PkmNode(Node):
         return self.create_subscription(message_type, topic, callback, TICK_QOS, callback_group=self.hot_group, raw=raw)
 
 
-def run(make_nodes, args=None):
+def run(make_nodes, args=None, *, spin=spin):
     """
-    Run the nodes `make_nodes()` returns until interrupted; return the process's exit code.
+    Run the nodes `make_nodes()` returns in `spin(nodes)` until interrupted; return the process's exit code.
 
     A configuration or parameter that is refused ends the process with one line and code 1.
     """

@@ -44,17 +44,19 @@ class CellProcesses:
         Of the simulated machine.
     folder : Path
         Gets the bags in ``bags/`` and what the processes print in ``log/``.
+    record : bool
+        Whether there is a recorder.
 
     """
 
-    def __init__(self, machine, arrangement, *, seed, environment, folder):
+    def __init__(self, machine, arrangement, *, seed, environment, folder, record=True):
         bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
         self._logs.mkdir(parents=True, exist_ok=True)
         if arrangement == 'composed':
-            own = {'machine': machine, 'seed': seed, 'environment': environment, 'folder': str(bags)}
+            own = {'machine': machine, 'seed': seed, 'environment': environment, 'folder': str(bags), 'record': record}
             specs = [NodeSpec('cell', 'cell', own)]
         else:
-            specs = cell_nodes(machine, seed=seed, environment=environment, folder=bags)
+            specs = cell_nodes(machine, seed=seed, environment=environment, folder=bags, record=record)
         self._specs = {spec.name: spec for spec in specs}
         self.processes = {}
 
@@ -63,12 +65,16 @@ class CellProcesses:
             self.start(name)
         return self
 
+    def command(self, executable):
+        """Return the words that start an executable of pkm_nodes."""
+        return [str(_executables() / executable)]
+
     def start(self, name):
         """Start the process `name`, for the first time or again."""
         spec = self._specs[name]
         with (self._logs / f'{name}.log').open('a') as log:
             self.processes[name] = subprocess.Popen(
-                [_executables() / spec.executable, *spec.arguments({'use_sim_time': True})],
+                [*self.command(spec.executable), *spec.arguments({'use_sim_time': True})],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

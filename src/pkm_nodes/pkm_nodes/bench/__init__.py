@@ -1,0 +1,1 @@
+"""How fast the servo tick is, against what the middleware allows; see `pkm bench`."""

@@ -1,0 +1,186 @@
+"""The subjects with a whole cell: composed, in processes, with and without recorder and page."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from time import monotonic, sleep
+from urllib.error import URLError
+from urllib.request import urlopen
+
+from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
+from pkm_core.motions import default_motion
+from pkm_interfaces.msg import CycleEvent, SampledTrajectory
+from pkm_nodes.bench.no_ros import LAW
+from pkm_nodes.client import CellClient
+from pkm_nodes.node import CYCLE_QOS
+from pkm_nodes.processes import CellProcesses
+
+_SECOND = 1_000_000_000  # ns
+# [s, wall] the page imports much; it needs a second more to find the cell
+_PAGE_TIMEOUT, _PAGE_LOOKS_AROUND = 60.0, 3.0
+# a browser that takes all the page sends and draws nothing
+_VIEWER = """
+import signal, sys, viser
+from websockets.sync.client import connect
+signal.signal(signal.SIGINT, lambda *_: sys.exit())
+with connect(f'ws://127.0.0.1:{sys.argv[1]}', subprotocols=[f'viser-v{viser.__version__}'], max_size=None) as socket:
+    for message in socket:
+        pass
+"""
+
+
+class NaiveProcesses(CellProcesses):
+    """The same processes with rclpy's own executor in them."""
+
+    def command(self, executable):
+        """Return the words that start an executable of pkm_nodes in a SingleThreadedExecutor."""
+        return [sys.executable, '-m', 'pkm_nodes.bench.naive', executable]
+
+
+class TimedClient(CellClient):
+    """A client that keeps when the steps of a cycle were said, by the stamps of those who said so."""
+
+    def __enter__(self):
+        super().__enter__()
+        self._cycles = {}
+        self._node.create_subscription(SampledTrajectory, 'pose_trajectory', self._on_trajectory, CYCLE_QOS)
+        self._node.create_subscription(CycleEvent, 'cycle_events', self._on_step, CYCLE_QOS)
+        return self
+
+    def _on_trajectory(self, message, info):
+        self._cycles.setdefault(message.cycle, {}).setdefault('sent', info['source_timestamp'])
+
+    def _on_step(self, event, info):
+        cycle, stamp = self._cycles.setdefault(event.cycle, {}), info['source_timestamp']
+        if event.event == CycleEvent.LOADED:
+            cycle['loaded'] = stamp  # the last joint counts
+        elif event.event == CycleEvent.STARTED:
+            cycle['started'] = stamp
+        elif event.event == CycleEvent.FINISHED:
+            cycle['finished'], cycle['samples'] = stamp, event.samples
+
+    def readers(self, topic):
+        """Return how many nodes of the cell listen to `topic`."""
+        return self._node.count_subscribers(topic)
+
+    def take_cycles(self):
+        """Return and forget the cycles so far: dicts of sent, loaded, started, finished [ns] and samples."""
+        cycles, self._cycles = list(self._cycles.values()), {}
+        return [cycle for cycle in cycles if 'finished' in cycle]
+
+
+class Cell:
+    """
+    A running cell that is driven through learning cycles, turn by turn.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of config/machines, or a file.
+    arrangement : str
+        'composed', 'processes', or 'naive': processes with rclpy's own executor.
+    record : bool
+        Whether a recorder listens.
+    page : bool
+        Whether every turn starts the live page, with a viewer; it ends with the turn.
+
+    """
+
+    def __init__(self, machine, arrangement, *, record=True, page=False):
+        self._motion = default_motion(load_machine(machine))
+        self._record, self._page = record, page
+        self._stack = ExitStack()
+        self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix='pkm_bench_')))
+        make, arrangement = (NaiveProcesses, 'processes') if arrangement == 'naive' else (CellProcesses, arrangement)
+        cell = make(machine, arrangement, seed=1, environment='nominal', folder=self._folder, record=record)
+        self._cell = self._stack.enter_context(cell)
+        self._client = self._stack.enter_context(TimedClient())
+        self._client.wait_until_up(self._cell.check)
+        self._drive(2)  # warm
+
+    def readers(self, joint):
+        """Return how many nodes listen to each kind of the joint's tick topics."""
+        return {kind: self._client.readers(f'/pkm/{joint}/{kind}') for kind in ('encoder', 'command')}
+
+    def turn(self, cycles):
+        """
+        Return what `cycles` learning cycles took.
+
+        ticks_per_second [1/s] between first and last tick of the cycles, cpu_us_per_tick [us] of all processes over
+        the whole turn, delivery_ms [ms] of every cycle from its trajectory to the last loaded controller.
+        """
+        with ExitStack() as stack:
+            if self._page:
+                stack.enter_context(_page())
+            before = self._processor_time()
+            steps = self._drive(cycles)
+            processor = self._processor_time() - before
+        ticks = sum(cycle['samples'] for cycle in steps)
+        return {
+            'ticks_per_second': ticks * _SECOND / sum(cycle['finished'] - cycle['started'] for cycle in steps),
+            'cpu_us_per_tick': 1e6 * processor / ticks,
+            'delivery_ms': [1e-6 * (cycle['loaded'] - cycle['sent']) for cycle in steps],
+        }
+
+    def memory(self, cycles):
+        """Run `cycles` cycles and return the resident memory of all processes [MB] after them."""
+        self._drive(cycles)
+        page = os.sysconf('SC_PAGE_SIZE')
+        statm = (Path(f'/proc/{pid}/statm').read_text().split() for pid in self._pids())
+        return {'memory_mb': sum(int(fields[1]) for fields in statm) * page / 1e6}
+
+    def close(self):
+        """End the cell."""
+        self._stack.close()
+
+    def _drive(self, cycles):
+        log = self._client.execute(
+            self._motion, cycles, LAW, self._cell.check, lambda feedback: None, record=self._record
+        )
+        for bag in log.bags:
+            shutil.rmtree(bag)
+        log.bags.clear()
+        return self._client.take_cycles()
+
+    def _pids(self):
+        return [process.pid for process in self._cell.processes.values()]
+
+    def _processor_time(self):
+        """Return the processor time [s] all processes of the cell have had."""
+        stats = (Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split() for pid in self._pids())
+        return sum(int(fields[11]) + int(fields[12]) for fields in stats) / os.sysconf('SC_CLK_TCK')
+
+
+@contextmanager
+def _page():
+    """Show the cell on a page with a viewer."""
+    port = 8400 + int(os.environ.get('ROS_DOMAIN_ID', 0))
+    with _process(Path(sys.prefix) / 'bin' / 'pkm', 'page', '--port', port):
+        deadline = monotonic() + _PAGE_TIMEOUT
+        while monotonic() < deadline:
+            with suppress(URLError), urlopen(f'http://127.0.0.1:{port}'):
+                break
+            sleep(0.2)
+        else:
+            raise PkmError(f'pkm page does not listen on port {port} after {_PAGE_TIMEOUT:.0f} s')
+        sleep(_PAGE_LOOKS_AROUND)
+        with _process(sys.executable, '-c', _VIEWER, port):
+            sleep(1.0)
+            yield
+
+
+@contextmanager
+def _process(*command):
+    """Run a program for the duration of the block."""
+    started = subprocess.Popen([str(word) for word in command], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    try:
+        yield started
+    finally:
+        started.send_signal(signal.SIGINT)
+        started.wait(20)

@@ -1,0 +1,109 @@
+"""
+What the bench compares: every subject in a process of its own, so that they can take turns within one run.
+
+A subject's process prints one line of JSON when it is ready, then answers every line `[method, argument]` on its
+standard input with a line of JSON, until that ends.
+"""
+
+import json
+import os
+import subprocess
+import sys
+
+from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
+
+MACHINE = 'four_dof'
+# in the order of the table
+SUBJECTS = {
+    'floor': '(a) bare floor, bytes',
+    'objects': '(a) bare floor, message objects',
+    'composed': '(b) composed, recorder on',
+    'processes': '(c) processes',
+    'naive': '(d) processes, naive executor',
+    'mujoco': '(e) MuJoCo, mechanism alone',
+    'simulation': '(f) simulation without ROS',
+    'alone': '(b) composed, no recorder',
+    'watched': '(b) composed, recorder and page',
+}
+FLOORS = ('floor', 'objects')
+# those that need a ROS graph of their own
+GRAPHS = (*FLOORS, 'composed', 'processes', 'naive', 'alone', 'watched')
+
+
+class Subject:
+    """The leading side of a subject's process; `readers` is what a floor must know of `composed`."""
+
+    def __init__(self, name, domain, readers=None):
+        self.name = name
+        environment = os.environ | {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', 'pkm_nodes.bench.subjects', name, json.dumps(readers)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+
+        self._word = None
+
+    def word(self):
+        """Wait until it is up and return what it says of itself."""
+        if self._word is None:
+            self._word = self._answer()
+        return self._word
+
+    def ask(self, method, argument):
+        """Return what its `method` answers."""
+        self._process.stdin.write(json.dumps([method, argument]) + '\n')
+        self._process.stdin.flush()
+        return self._answer()
+
+    def close(self):
+        """End it; wait for it."""
+        self._process.stdin.close()
+        self._process.wait()
+
+    def _answer(self):
+        line = self._process.stdout.readline()
+        if not line:
+            raise PkmError(f'bench: {self.name} has ended with code {self._process.wait()}; see above')
+        return json.loads(line)
+
+
+def _make(name, readers):
+    """Return the subject of this process and what it says of itself."""
+    if name in FLOORS:
+        from pkm_nodes.bench.floor import Floor
+
+        return Floor(len(load_machine(MACHINE).joints), readers, raw=name == 'floor'), {}
+    if name in ('mujoco', 'simulation'):
+        from pkm_nodes.bench.no_ros import Mujoco, Simulation
+
+        return {'mujoco': Mujoco, 'simulation': Simulation}[name](MACHINE), {}
+    from pkm_nodes.bench.cells import Cell
+
+    arrangement = name if name in ('processes', 'naive') else 'composed'
+    cell = Cell(MACHINE, arrangement, record=name != 'alone', page=name == 'watched')
+    return cell, {'readers': cell.readers(load_machine(MACHINE).joints[0])}
+
+
+def main():
+    """Be the subject the command line names."""
+    answers, sys.stdout = sys.stdout, sys.stderr  # what anybody prints is not an answer
+    subject, word = _make(sys.argv[1], json.loads(sys.argv[2]))
+    try:
+        print(json.dumps(word), file=answers, flush=True)
+        for line in sys.stdin:
+            method, argument = json.loads(line)
+            print(json.dumps(getattr(subject, method)(argument)), file=answers, flush=True)
+    finally:
+        subject.close()
+
+
+if __name__ == '__main__':
+    try:
+        main()
+    except PkmError as error:
+        print(error, file=sys.stderr)
+        sys.exit(1)

@@ -1,0 +1,53 @@
+"""`pkm bench`: a turn of the subjects that start quickly; what the figures are is not judged here."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+DOMAIN = 131
+PKM = Path(sys.prefix) / 'bin' / 'pkm'
+
+
+@pytest.fixture(scope='module')
+def bench(tmp_path_factory, module_processes):
+    """Return what one turn printed and wrote."""
+    file = tmp_path_factory.mktemp('bench') / 'new' / 'bench.json'
+    only = [word for name in ('floor', 'composed', 'simulation') for word in ('--only', name)]
+    done = module_processes.run(
+        *(PKM, 'bench', '--turns', 1, '--cycles', 1, '--memory-cycles', 0, '--json', file), *only
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout, json.loads(file.read_text())
+
+
+def test_floor_composed_cell_and_simulation_are_measured_in_one_run(bench):
+    _, figures = bench
+    assert list(figures['subjects']) == ['floor', 'composed', 'simulation']
+    for subject in figures['subjects'].values():
+        assert subject['ticks_per_second'][0] > 0
+        assert subject['cpu_us_per_tick'][0] > 0
+    assert 0 < figures['subjects']['composed']['delivery_ms'][0][0] < 30_000
+
+
+def test_ratio_follows_from_the_turns(bench):
+    _, figures = bench
+    composed, floor = (figures['subjects'][name]['ticks_per_second'][0] for name in ('composed', 'floor'))
+    assert figures['ratios']['composed / floor']['ticks_per_second'] == pytest.approx(composed / floor)
+    assert 'processes / naive' not in figures['ratios']
+
+
+def test_every_target_is_in_the_account_and_says_whether_it_was_measured(bench):
+    printed, figures = bench
+    measured = {target['name']: target for target in figures['targets']}
+    assert len(measured) == 7
+    assert measured['composed cell / bare floor']['met'] in (True, False)
+    assert measured['processes / naive executor']['met'] is None
+    assert all(name in printed for name in measured)
+
+
+def test_unknown_subject_is_refused(processes):
+    done = processes.run(PKM, 'bench', '--only', 'rocket')
+    assert done.returncode == 1
+    assert "--only: ['rocket'] given; known: floor," in done.stderr
