@@ -1,5 +1,7 @@
 """The discrete filters are the designed ones, and keep the promises of their physical parameters."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 
 TS = 0.5e-3
+DESIGNS = Path(__file__).parent / 'designs'
 DESIGNED = {  # coefficients the designs were searched and judged with: b0 b1 b2 a1 a2 of lag, then of notch
     ('four_dof', 'd1'): (
         [0.97317657, -0.09446780, 0.0, -0.12129123, 0.0],
@@ -45,8 +48,8 @@ def response(coefficients, frequency):
 
 
 @pytest.mark.parametrize(('machine', 'joint'), DESIGNED)
-def test_configured_filters_are_the_designed_ones(machine, joint):
-    gains = load_control(load_machine(machine))[joint]
+def test_filters_are_those_the_designs_were_judged_with(machine, joint):
+    gains = load_control(load_machine(machine), DESIGNS / f'{machine}.yaml')[joint]
     lag, notch = DESIGNED[machine, joint]
     np.testing.assert_allclose(gains.lag.discrete(TS), lag, atol=1e-6)
     np.testing.assert_allclose(gains.notch.discrete(TS), notch, atol=1e-6)

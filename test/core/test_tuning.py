@@ -3,6 +3,7 @@
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import cache
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from pkm_core.machines import load_machine
 from pkm_core.verbs.tune import tune as tune_verb
 
 STAGE = load_machine('xy_stage')
+DESIGNS = Path(__file__).parent / 'designs'
 CONFIG = load_tuning()
 LOOSE = LoopLimits(gain_margin=3.0, phase_margin=0.3, peak_sensitivity=5.0, resonance_peak=3.0)
 
@@ -202,7 +204,7 @@ def test_recommendation_is_written_as_a_file_that_loads(tmp_path):
 
 def test_table_has_the_rows_of_the_thesis_beside_ours():
     machine = load_machine('planar')
-    gains, model = load_control(machine)['d3'], load_model(machine)['d3']
+    gains, model = load_control(machine, DESIGNS / 'planar.yaml')['d3'], load_model(machine)['d3']
     margins = stability_margins(gains, model, machine.sample_time)
     column = dict(zip(ROWS, own_column(machine, gains, model, margins, 0.86), strict=True))
     # 3.289 V/mm over 5000 counts/mm * 10 V/32768 * 10
@@ -254,14 +256,18 @@ def test_dask_cluster_does_not_change_the_search():
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_verb_reaches_the_goals_and_the_configured_gains(tmp_path):
+@pytest.mark.parametrize('name', ['four_dof', 'planar', 'xy_stage'])
+def test_verb_reaches_the_goals_and_the_configured_gains(name, tmp_path):
     app = typer.Typer()
     app.command()(tune_verb)
-    result = CliRunner().invoke(app, ['--machine', 'xy_stage', '--out', str(tmp_path)], catch_exceptions=False)
+    result = CliRunner().invoke(app, ['--machine', name, '--out', str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0, result.output
-    tuned, configured = load_control(STAGE, str(tmp_path / 'xy_stage.yaml')), load_control(STAGE)
-    for joint, model in load_model(STAGE).items():
-        margins, worst = (judge(tuned[joint], model, STAGE.sample_time) for judge in (stability_margins, worst_margins))
+    machine = load_machine(name)
+    tuned, configured = load_control(machine, str(tmp_path / f'{name}.yaml')), load_control(machine)
+    for joint, model in load_model(machine).items():
+        margins, worst = (
+            judge(tuned[joint], model, machine.sample_time) for judge in (stability_margins, worst_margins)
+        )
         assert margins.gain_margin >= 8.5
         assert margins.phase_margin >= 45
         assert margins.peak_sensitivity <= 1.8
@@ -270,7 +276,7 @@ def test_verb_reaches_the_goals_and_the_configured_gains(tmp_path):
         assert worst.peak_sensitivity <= 2.3
         # another processor may round otherwise, and a search takes another way then
         assert tuned[joint].kp == pytest.approx(configured[joint].kp, rel=0.1)
-    names = {'xy_stage.yaml', 'search.npz', 'table.md', 'margins_x.png', 'margins_y.png'}
+    names = {f'{name}.yaml', 'search.npz', 'table.md', *(f'margins_{joint}.png' for joint in machine.joints)}
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
