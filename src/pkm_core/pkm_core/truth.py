@@ -104,6 +104,13 @@ class Payload(Config):
     carried_by: tuple[str, ...]  # names of dynamic parameters
 
 
+class Platform(Config):
+    """The platform on its linkage, beyond the reach of the encoders (platform.py)."""
+
+    resonance: Annotated[Frequency, Field(gt=0.0)]
+    damping: Annotated[Number, Field(gt=0.0, lt=1.0)]
+
+
 class LaserTruth(Config):
     """What one reading of the end-point measurement is worth; its clock is in the machine's file."""
 
@@ -115,7 +122,7 @@ class Environment(Config):
     """How strongly each imperfection acts; spreads are standard deviations unless said."""
 
     model_error: bool  # gain_error and viscosity_error of the axes
-    modes: bool
+    modes: bool  # of the axes and of the platform
     mode_shift: Annotated[Number, Field(gt=-0.3, lt=0.3)]  # of all frequencies, from home to the farther end of travel
     belts: bool
     back_emf: bool
@@ -146,6 +153,7 @@ class Truth(Config):
     signal_period: Annotated[Length, Field(gt=0.0)]  # of the encoder's scale
     vibration_band: tuple[Frequency, Frequency]
     payload: Payload
+    platform: Platform
     laser: LaserTruth
     belts: Belts | None = None
     environments: dict[str, Environment]

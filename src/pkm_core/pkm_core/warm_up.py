@@ -1,8 +1,12 @@
 """Compile the servo loop once, so that no first tick waits for numba; `python -m pkm_core.warm_up` at set-up."""
 
+import numpy as np
+
 from pkm_core.control.robust import load_control
+from pkm_core.laser import Laser
 from pkm_core.machines import load_machine
 from pkm_core.motions import default_motion, load_motion, plan
+from pkm_core.plant import Plant
 from pkm_core.simulation import run_cycles
 from pkm_core.trajectory import to_joints
 
@@ -13,6 +17,11 @@ def main():
         machine = load_machine(name)
         trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
         run_cycles(machine, trajectory, load_control(machine), None, cycles=1, seed=1)
+        plant, laser = Plant(machine, seed=1), Laser(machine, seed=1)
+        laser.zero(0, plant.truth)
+        plant.tick(np.zeros(len(machine.joints)))
+        laser.observe(1, plant.truth)
+        laser.read()
 
 
 if __name__ == '__main__':
