@@ -9,6 +9,7 @@ NODES = [
     'machine',
     'state_estimator',
     'learning',
+    'identification',
     'recorder',
     'cell',
     'dashboard',
@@ -36,6 +37,7 @@ setup(
         'pkm.verbs': [
             'bench = pkm_nodes.bench.verb:bench',
             'bag-play = pkm_nodes.bag_play:bag_play',
+            'identify-cell = pkm_nodes.identify_cell:identify_cell',
             'page = pkm_nodes.page_verb:page',
             'run = pkm_nodes.run:run',
         ],

@@ -89,7 +89,7 @@ def test_every_service_and_action_is_documented(graph, nodes):
     }
     offered = {name: kind for name, kind in services.items() if not OF_ROS.fullmatch(name)}
     assert offered == {row['service'].strip('`'): row['type'] for row in tables('Services')}
-    actions = [(row['action'].strip('`'), [row['type']]) for row in tables('Action')]
+    actions = [(row['action'].strip('`'), [row['type']]) for row in tables('Actions')]
     graph.spin_until(lambda: get_action_names_and_types(graph.node) == actions, f'the action(s) {actions}')
 
 

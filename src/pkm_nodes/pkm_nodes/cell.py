@@ -5,6 +5,7 @@ import sys
 from rclpy.parameter import Parameter
 
 from pkm_nodes.graph import ENVIRONMENTS, cell_nodes
+from pkm_nodes.identification import IdentificationNode
 from pkm_nodes.inverse_kinematics import InverseKinematicsNode
 from pkm_nodes.joint_controller import JointControllerNode
 from pkm_nodes.learning import LearningNode
@@ -21,6 +22,7 @@ NODES = {
     'joint_controller': JointControllerNode,
     'state_estimator': StateEstimatorNode,
     'learning': LearningNode,
+    'identification': IdentificationNode,
     'recorder': RecorderNode,
 }
 

@@ -7,7 +7,11 @@ from builtin_interfaces.msg import Time
 
 from pkm_core.errors import TrajectoryError
 from pkm_core.trajectory import DERIVATIVES, SampledTrajectory
+from pkm_interfaces.msg import AxisFit, AxisResponse
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
+
+# learning_law of a cycle of identification, see SampledTrajectory.msg
+IDENTIFY = 'identify'
 
 
 def time_of_tick(tick, sample_time):
@@ -33,7 +37,7 @@ def trajectory_to_msg(trajectory, *, cycle, motion, learning_law):
         move_ends=[int(i) for i in trajectory.move_ends],
     )
     for name in DERIVATIVES:
-        setattr(message, name, array('d', np.ascontiguousarray(getattr(trajectory, name)).tobytes()))
+        setattr(message, name, _doubles(getattr(trajectory, name)))
     return message
 
 
@@ -68,3 +72,38 @@ def trajectory_from_msg(message, *, coordinates, sample_time):
         )
     except TrajectoryError as error:
         raise TrajectoryError(f'cycle {message.cycle}: {error}') from None
+
+
+def fit_to_msg(found):
+    """Return an `AxisIdentification` as a message."""
+    low, high = found.low, found.high
+    message = AxisFit(
+        joint=found.joint,
+        gain=low.gain,
+        viscosity=low.viscosity,
+        covariance=low.covariance.ravel(),
+        fit_percent=low.fit_percent,
+        response_fit_percent=found.high_percent,
+        responses=[
+            AxisResponse(
+                name=response.name,
+                position=response.position,
+                frequency=_doubles(response.frequency),
+                real=_doubles(response.plant.real),
+                imag=_doubles(response.plant.imag),
+                deviation=_doubles(response.deviation),
+                coherence=_doubles(response.coherence),
+            )
+            for response in found.responses
+        ],
+    )
+    if high is not None:
+        names = ('resonance', 'resonance_damping', 'antiresonance', 'antiresonance_damping')
+        for name, values in zip(names, high.modes.T, strict=True):
+            setattr(message, name, _doubles(values))
+        message.mode_covariance = _doubles(high.covariance)
+    return message
+
+
+def _doubles(values):
+    return array('d', np.ascontiguousarray(values, dtype=float).tobytes())

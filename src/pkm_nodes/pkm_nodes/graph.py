@@ -1,6 +1,7 @@
 """Who runs in a cell: the one list that the composed cell, `pkm run` and the launch file start their nodes from."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from pkm_core.machines import load_machine
 
@@ -33,8 +34,8 @@ def cell_nodes(machine, *, seed=1, environment='nominal', folder='', record=True
     """
     Return the `NodeSpec`s of a whole cell around `machine` (name or file).
 
-    `seed` and `environment` go to the simulated machine, `folder` takes the recorder's bags; without `record` there is
-    no recorder and the machine does not wait for one.
+    `seed` and `environment` go to the simulated machine, `folder` takes the recorder's bags, and a folder `identified`
+    beside it models and pictures; without `record` there is no recorder and the machine does not wait for one.
     """
     on_machine = {'machine': str(machine)}
     nodes = [
@@ -51,6 +52,7 @@ def cell_nodes(machine, *, seed=1, environment='nominal', folder='', record=True
         ),
         NodeSpec('state_estimator', 'state_estimator', on_machine),
         NodeSpec('learning', 'learning', on_machine),
+        NodeSpec('identification', 'identification', {**on_machine, 'folder': str(Path(folder).parent / 'identified')}),
     ]
     if record:
         nodes.append(NodeSpec('recorder', 'recorder', {**on_machine, 'folder': str(folder)}))

@@ -7,7 +7,7 @@ from pkm_core.machines import load_machine
 from pkm_core.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
-from pkm_nodes.conversions import trajectory_from_msg, trajectory_to_msg
+from pkm_nodes.conversions import IDENTIFY, trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.events import CycleEvents
 from pkm_nodes.node import CYCLE_QOS, PkmNode, run
 
@@ -24,6 +24,8 @@ class InverseKinematicsNode(PkmNode):
         self.create_subscription(SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
 
     def _on_poses(self, message):
+        if message.learning_law == IDENTIFY:  # planned in joints: its joint_trajectory has come from its sender
+            return
         machine = self._machine
         try:
             poses = trajectory_from_msg(message, coordinates=machine.coordinates, sample_time=machine.sample_time)

@@ -2,7 +2,9 @@
 Node `joint_controller`: one axis; answers every encoder tick with a command, learns after every cycle.
 
 The law is `RobustController` of pkm_core; the feedforward of the next cycle comes from the learning service. A cycle is
-reported as LOADED when its trajectory and the learned feedforward are both in place.
+reported as LOADED when its trajectory and the learned feedforward are both in place. In a cycle of identification the
+excitation stands in the place of the latter: it is added to the voltage, and an axis that leaves its bounds is not
+answered for, but stopped.
 """
 
 import sys
@@ -15,13 +17,15 @@ from rclpy.clock_type import ClockType
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
 from pkm_core.errors import ConfigError, PkmError
+from pkm_core.identification import IdentificationError
 from pkm_core.machines import load_machine
 from pkm_core.metrics import axis_metrics
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_interfaces.srv import UpdateFeedforward
-from pkm_nodes.conversions import trajectory_from_msg
+from pkm_nodes.conversions import IDENTIFY, trajectory_from_msg
 from pkm_nodes.events import CycleEvents
+from pkm_nodes.excitation import AxisExcitation
 from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, run
 
 # [s, wall] how long a cycle waits for the learning service before it goes on with the feedforward it has
@@ -40,12 +44,9 @@ class JointControllerNode(PkmNode):
         if joint not in machine.joints:
             raise ConfigError(f'{name}: joint {joint!r}; {machine.name} has {list(machine.joints)}')
         self._machine, self._joint, self._column = machine, joint, machine.joints.index(joint)
-        self._controller = RobustController(
-            load_control(machine, control or None)[joint],
-            load_model(machine)[joint],
-            machine.sample_time,
-            machine.voltage_limit,
-        )
+        model = load_model(machine)[joint]
+        gains = load_control(machine, control or None)[joint]
+        self._controller = RobustController(gains, model, machine.sample_time, machine.voltage_limit)
         self._trajectory = None  # the message whose cycle is loaded or waits for learning
         self._loaded = False
         self._errors = np.zeros(0)
@@ -54,6 +55,8 @@ class JointControllerNode(PkmNode):
         self._iteration = 0
         self._learning = None  # the call to the learning service under way
         self._learning_until = 0
+        self._excitation = AxisExcitation(self, machine, joint, model)
+        self._excited = None  # the `ExcitedAxis` of a cycle of identification
 
         self._command = MotorCommand()
         self._command_publisher = self.create_publisher(MotorCommand, f'{joint}/command', TICK_QOS)
@@ -75,8 +78,7 @@ class JointControllerNode(PkmNode):
         try:
             trajectory = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
         except PkmError as error:
-            self.get_logger().error(f'joint_trajectory refused: {error}')
-            self._events.publish(CycleEvent.REFUSED, message.cycle, message=str(error))
+            self._refuse(message.cycle, error)
             return
         self._trajectory, self._loaded = message, False
         self._moves = trajectory.move_starts, trajectory.move_ends
@@ -87,8 +89,12 @@ class JointControllerNode(PkmNode):
         self._retry.reset()
         self._load_if_possible()
 
+    def _refuse(self, cycle, error):
+        self.get_logger().error(f'joint_trajectory refused: {error}')
+        self._events.publish(CycleEvent.REFUSED, cycle, message=str(error))
+
     def _load_if_possible(self):
-        """Load the waiting trajectory once the learned feedforward is there and the machine listens."""
+        """Load the waiting trajectory once what goes with it is there and the machine listens."""
         if self._learning is not None and self._wall.now().nanoseconds > self._learning_until:
             self.get_logger().error(
                 f'no answer from {self._learn.srv_name} for {LEARNING_TIMEOUT} s; going on with the feedforward I have'
@@ -96,8 +102,15 @@ class JointControllerNode(PkmNode):
             self._learning = None
         if self._learning is not None or self._command_publisher.get_subscription_count() == 0:
             return
-        self._retry.cancel()
         message, samples = self._trajectory, len(self._axis[0])
+        if self._excitation.is_missing(message):
+            return
+        self._retry.cancel()
+        try:
+            self._excited = self._excitation.begin(message, self._controller.gains, *self._axis[:3])
+        except PkmError as error:
+            self._refuse(message.cycle, error)
+            return
         learned_for = (message.motion, message.learning_law, self._axis[0].tobytes())
         if learned_for != self._learned_for:
             self._learned_for, self._iteration, self._feedforward = learned_for, 0, np.zeros(samples)
@@ -121,6 +134,11 @@ class JointControllerNode(PkmNode):
         index = sample.index
         try:
             voltage, error = self._controller.update(index, sample.position)
+            if self._excited is not None:
+                voltage = self._excited.drive(index, voltage, sample.position)
+        except IdentificationError as reason:
+            self._events.publish(CycleEvent.STOP, sample.cycle, tick=sample.tick, message=str(reason))
+            return
         except PkmError as refusal:
             self.get_logger().error(f'{self._encoder.topic_name}: {refusal}; not answered')
             return
@@ -146,7 +164,7 @@ class JointControllerNode(PkmNode):
                 steady_state_error=metrics.steady_state_error,
             )
         )
-        if message.learning_law != 'none':
+        if message.learning_law not in ('none', IDENTIFY):
             request = UpdateFeedforward.Request(
                 joint=self._joint,
                 law=message.learning_law,

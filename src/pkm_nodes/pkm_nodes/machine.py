@@ -4,7 +4,7 @@ Node `machine`: one simulated mechanism with its motors and the laser in front o
 The machine is the time base. Tick k carries the encoder samples; it advances when every joint controller has answered
 tick k, and not before. An answer to any other tick is counted and never applied. Between cycles simulated time stands
 still. A missing answer is waited for `answer_timeout` of wall time, then the machine names who is missing, brakes by
-itself and waits for its `reset` service.
+itself and waits for its `reset` service. It does so at once when a STOP event of the running cycle asks for it.
 """
 
 import math
@@ -88,6 +88,9 @@ class MachineNode(PkmNode):
         self.create_timer(1.0, self._publish_diagnostics, clock=wall)
 
     def _on_event(self, event):
+        if event.event == CycleEvent.STOP and self._running and event.cycle == self._cycle:
+            self._stop_safely(f'{event.source}: {event.message}')
+            return
         if event.event != CycleEvent.LOADED or event.source not in self._joints:
             return
         if self._fault:

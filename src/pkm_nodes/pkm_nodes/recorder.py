@@ -25,7 +25,7 @@ from std_msgs.msg import UInt64
 from pkm_core.bags import BagWriter, writable_folder
 from pkm_core.errors import BagError
 from pkm_core.machines import load_machine
-from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, Excitation, MotorCommand
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.conversions import nanoseconds_of_tick
 from pkm_nodes.events import CycleEvents
@@ -42,6 +42,7 @@ _TYPES = {
     CycleMetrics: 'pkm_interfaces/msg/CycleMetrics',
     CycleEvent: 'pkm_interfaces/msg/CycleEvent',
     SampledTrajectoryMessage: 'pkm_interfaces/msg/SampledTrajectory',
+    Excitation: 'pkm_interfaces/msg/Excitation',
     PoseStamped: 'geometry_msgs/msg/PoseStamped',
     JointState: 'sensor_msgs/msg/JointState',
 }
@@ -97,6 +98,7 @@ class RecorderNode(PkmNode):
             self._record(CycleMetrics, f'{joint}/cycle_metrics', self._by_cycle)
         self._record(SampledTrajectoryMessage, 'pose_trajectory', self._on_trajectory)
         self._record(SampledTrajectoryMessage, 'joint_trajectory', self._on_trajectory)
+        self._record(Excitation, 'excitation', self._by_cycle)
         # with the ticks: served after them, the states of a long flow would pile up until their queue overflows
         self._record(PoseStamped, 'pose', self._by_stamp, with_ticks=True)
         self._record(JointState, 'joint_states', self._by_stamp, with_ticks=True)

@@ -2,7 +2,8 @@
 Node `trajectory_generator`: the action execute_motion in, one pose_trajectory a cycle out.
 
 It leads a motion through its cycles: publish the trajectory, wait until the machine has run it, go on. A trajectory is
-sent again every second until the machine starts the cycle, so it does not matter which node came up last.
+sent again every second until the machine starts the cycle, so it does not matter which node came up last. An experiment
+of identification is planned in joints: with its pose_trajectory go the joint_trajectory itself and the excitation.
 """
 
 import sys
@@ -15,15 +16,16 @@ from rclpy.clock_type import ClockType
 from rclpy.task import Future
 from std_msgs.msg import UInt32
 
+from pkm_core.commissioning.plan import in_poses
 from pkm_core.errors import PkmError, TrajectoryError
 from pkm_core.learning import law_file
 from pkm_core.machines import load_machine
 from pkm_core.motions import load_motion, plan, poses_motion
-from pkm_core.trajectory import to_joints
+from pkm_core.trajectory import checked_joints, to_joints
 from pkm_interfaces.action import ExecuteMotion
-from pkm_interfaces.msg import CycleEvent, CycleMetrics
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, Excitation
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
-from pkm_nodes.conversions import trajectory_to_msg
+from pkm_nodes.conversions import IDENTIFY, trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.events import subscribe_events
 from pkm_nodes.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, run
 
@@ -40,11 +42,13 @@ class TrajectoryGeneratorNode(PkmNode):
         self._cycle = 0
         self._goal = None  # what is running, in words
         self._outcome = None  # Future of the running cycle: None or the reason why it ended
-        self._pending = None  # message to send again
+        self._pending = ()  # (publisher, message) of the running cycle, to send again
         self._deadline = inf
         self._metrics = {}
         self._all_metrics = None  # Future: the metrics of all joints are here
-        self._publisher = self.create_publisher(SampledTrajectoryMessage, 'pose_trajectory', CYCLE_QOS)
+        self._poses = self.create_publisher(SampledTrajectoryMessage, 'pose_trajectory', CYCLE_QOS)
+        self._joints = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
+        self._excitation = self.create_publisher(Excitation, 'excitation', CYCLE_QOS)
         for joint in self._machine.joints:
             self.create_subscription(CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
         subscribe_events(self, self._on_event)
@@ -60,18 +64,17 @@ class TrajectoryGeneratorNode(PkmNode):
         result = ExecuteMotion.Result()
         try:
             self._refuse_second_goal(goal_handle.request)
-            trajectory, name = self._plan(goal_handle.request)
+            name, messages = self._plan(goal_handle.request)
         except PkmError as error:
             self.get_logger().error(f'goal refused: {error}')
             result.message = str(error)
             goal_handle.abort()
             return result
         cycles = goal_handle.request.cycles
-        law = goal_handle.request.learning_law or 'none'
         try:
             for number in range(1, cycles + 1):
                 self._goal = f'motion {name!r}, cycle {number} of {cycles}'
-                result.message = await self._run_cycle(trajectory, name, law)
+                result.message = await self._run_cycle(messages)
                 if result.message:
                     self.get_logger().error(f'{self._goal}: {result.message}')
                     goal_handle.abort()
@@ -89,26 +92,29 @@ class TrajectoryGeneratorNode(PkmNode):
 
     def _refuse_second_goal(self, request):
         if self._goal is not None:
-            raise TrajectoryError(
-                f'goal {request.motion or "poses"!r}: {self._goal} is running; wait for its end or cancel it'
-            )
+            name = request.motion or request.experiment.motion or 'poses'
+            raise TrajectoryError(f'goal {name!r}: {self._goal} is running; wait for its end or cancel it')
 
     def _plan(self, request):
-        """Return pose trajectory and name of a goal that can be run as a whole."""
+        """Return the name of a goal that can be run as a whole and what to send, [(publisher, message)], each cycle."""
         if not request.cycles:
             raise TrajectoryError('goal: cycles is 0; expected at least 1')
         if request.controller not in ('', 'robust'):
             raise TrajectoryError(f"goal: controller {request.controller!r}; known: ['robust']")
         if request.learning_law not in ('', 'none'):
             law_file(request.learning_law)
-        if bool(request.motion) == bool(request.poses):
+        experiment = request.experiment
+        if bool(request.motion) + bool(request.poses) + bool(experiment.coordinates) != 1:
             raise TrajectoryError(
-                f'goal: motion {request.motion!r} and {len(request.poses)} poses; give the one or the other'
+                f'goal: motion {request.motion!r}, {len(request.poses)} poses and experiment {experiment.motion!r}; '
+                f'give one of them'
             )
         if request.motion and request.move_time != 0:
             raise TrajectoryError(
                 f'goal: move_time is {request.move_time} s; motion {request.motion!r} has its own, expected 0'
             )
+        if experiment.coordinates:
+            return self._plan_experiment(request)
         machine = self._machine
         if request.motion:
             motion, name = load_motion(request.motion), Path(request.motion).stem
@@ -117,28 +123,55 @@ class TrajectoryGeneratorNode(PkmNode):
             motion, name = poses_motion(machine, poses, request.move_time or None), 'poses'
         trajectory = plan(machine, motion)
         to_joints(machine, trajectory)  # refuses here what inverse_kinematics would refuse after the goal was taken
-        return trajectory, name
+        law = request.learning_law or 'none'
+        return name, [(self._poses, trajectory_to_msg(trajectory, cycle=0, motion=name, learning_law=law))]
 
-    def _run_cycle(self, trajectory, name, law):
-        """Send the trajectory of the next cycle; the returned future gives '' when it has run, or why it has not."""
+    def _plan_experiment(self, request):
+        """Return what `_plan` does, of an experiment of identification."""
+        machine, experiment = self._machine, request.experiment
+        if request.learning_law not in ('', 'none') or request.move_time != 0:
+            raise TrajectoryError(
+                f'goal: learning_law {request.learning_law!r} and move_time {request.move_time} s with experiment '
+                f"{experiment.motion!r}; expected 'none' and 0"
+            )
+        excited = [excitation.joint for excitation in request.excitation]
+        if sorted(excited) != sorted(machine.joints):
+            raise TrajectoryError(f'goal: excitation of {excited}; expected one of each of {list(machine.joints)}')
+        joints = trajectory_from_msg(experiment, coordinates=machine.joints, sample_time=machine.sample_time)
+        checked_joints(machine, joints)
+        named = {'cycle': 0, 'motion': experiment.motion, 'learning_law': IDENTIFY}
+        return experiment.motion, [
+            *((self._excitation, excitation) for excitation in request.excitation),
+            (self._poses, trajectory_to_msg(in_poses(machine, joints), **named)),
+            (self._joints, trajectory_to_msg(joints, **named)),
+        ]
+
+    def _run_cycle(self, messages):
+        """Send the messages of the next cycle; the returned future gives '' when it has run, or why it has not."""
         self._cycle += 1
         self._metrics, self._all_metrics = {}, Future()
         self._outcome = Future()
         self._deadline = self._seconds() + self._start_timeout
-        self._pending = trajectory_to_msg(trajectory, cycle=self._cycle, motion=name, learning_law=law)
-        self._publisher.publish(self._pending)
+        self._pending = messages
+        for _, message in messages:
+            message.cycle = self._cycle
+        self._publish_pending()
         return self._outcome
+
+    def _publish_pending(self):
+        for publisher, message in self._pending:
+            publisher.publish(message)
 
     def _send_again(self):
         now = self._seconds()
-        if self._pending is not None and now > self._deadline:
-            heard = self.count_subscribers(self._publisher.topic_name)
+        if self._pending and now > self._deadline:
+            heard = self.count_subscribers(self._poses.topic_name)
             self._end_cycle(
                 f'cycle {self._cycle} did not start within {self._start_timeout} s; {heard} node(s) listen to '
-                f'{self._publisher.topic_name}: are inverse_kinematics, joint_controllers and machine running?'
+                f'{self._poses.topic_name}: are inverse_kinematics, joint_controllers and machine running?'
             )
-        elif self._pending is not None:
-            self._publisher.publish(self._pending)
+        elif self._pending:
+            self._publish_pending()
         elif self._all_metrics is not None and not self._all_metrics.done() and now > self._deadline:
             self._all_metrics.set_result(None)
 
@@ -150,7 +183,7 @@ class TrajectoryGeneratorNode(PkmNode):
         if event.cycle != self._cycle or self._outcome is None:
             return
         if event.event == CycleEvent.STARTED:
-            self._pending = None
+            self._pending = ()
             self._deadline = inf
         elif event.event == CycleEvent.FINISHED:
             self._deadline = self._seconds() + self._metrics_timeout
@@ -159,7 +192,7 @@ class TrajectoryGeneratorNode(PkmNode):
             self._end_cycle(f'{event.source}: {event.message}')
 
     def _end_cycle(self, reason):
-        self._pending = None
+        self._pending = ()
         if self._outcome is not None and not self._outcome.done():
             self._outcome.set_result(reason)
 

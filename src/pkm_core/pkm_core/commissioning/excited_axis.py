@@ -1,0 +1,71 @@
+"""One axis in a cycle of identification: its excitation is checked before the cycle and watched during it."""
+
+import numpy as np
+
+from pkm_core.identification import IdentificationError
+from pkm_core.identification.axis_data import drive_limit
+from pkm_core.identification.guard import Bounds, Guard
+from pkm_core.identification.sweep import forecast
+
+
+class ExcitedAxis:
+    """
+    What a joint controller adds to its voltage, and when it must stop.
+
+    Parameters
+    ----------
+    machine : Machine
+        Whose axis it is.
+    joint : str
+        Its name.
+    model : AxisModel
+        What is believed of it, for the forecast of voltage and speed.
+    gains : RobustGains
+        The loop that runs meanwhile.
+    position, velocity, acceleration : ndarray, shape (N,)
+        Reference of the cycle [m, m/s, m/s^2].
+    voltage : ndarray, shape (N,)
+        Excitation [V]; all zero for an axis that is only watched.
+
+    Raises
+    ------
+    IdentificationError
+        If the excitation has another length or a value that is not finite, or the axis would need more voltage or speed
+        than it has.
+
+    """
+
+    def __init__(self, machine, joint, model, gains, position, velocity, acceleration, voltage):
+        if voltage.shape != position.shape:
+            raise IdentificationError(
+                f'excitation of {joint}: {voltage.size} values; expected one a sample, {position.size}'
+            )
+        if not np.isfinite(voltage).all():
+            index = int(np.argmin(np.isfinite(voltage)))
+            raise IdentificationError(f'excitation of {joint}: {voltage[index]} V at sample {index}; expected finite')
+        added, shaken = forecast(model, gains, voltage, machine.sample_time)
+        needed = np.abs(acceleration + model.viscosity * velocity) / model.gain + np.abs(added)
+        peak, fastest = float(needed.max()), float((np.abs(velocity) + np.abs(shaken)).max())
+        limit, speed = drive_limit(machine), machine.limits.speed
+        if peak > limit:
+            raise IdentificationError(f'excitation of {joint}: would need {peak:.1f} V; allowed {limit:g} V')
+        if fastest > speed:
+            raise IdentificationError(f'excitation of {joint}: would move at {fastest:.3f} m/s; allowed {speed:g} m/s')
+        self._guard = Guard(joint, Bounds.around(machine, joint, peak, fastest), machine.sample_time)
+        self._reference, self._voltage, self._limit = position, voltage, machine.voltage_limit
+
+    def drive(self, index, voltage, position):
+        """
+        Return what goes to the drive [V] at sample `index`, where the controller wants `voltage` [V].
+
+        Raises
+        ------
+        IdentificationError
+            If the axis at `position` [m] has left its bounds and the machine must be stopped.
+
+        """
+        voltage = float(min(max(voltage + self._voltage[index], -self._limit), self._limit))
+        reason = self._guard.check(index, voltage, position, self._reference[index])
+        if reason:
+            raise IdentificationError(reason)
+        return voltage

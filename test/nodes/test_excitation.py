@@ -1,0 +1,256 @@
+"""A cycle of identification between the nodes: excitation in, excited voltage out, and a stop beyond the bounds."""
+
+from array import array
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+
+from pkm_core.commissioning.plan import in_poses
+from pkm_core.control.model import load_model
+from pkm_core.control.robust import RobustController, load_control
+from pkm_core.identification.bag_data import read_cell_bag
+from pkm_core.motions import Motion, Target, plan
+from pkm_core.trajectory import to_joints
+from pkm_interfaces.action import ExecuteMotion, Identify
+from pkm_interfaces.msg import CycleEvent, EncoderSample, Excitation, MotorCommand, SampledTrajectory
+from pkm_nodes.conversions import IDENTIFY, trajectory_to_msg
+from pkm_nodes.identification import IdentificationNode
+from pkm_nodes.inverse_kinematics import InverseKinematicsNode
+from pkm_nodes.joint_controller import JointControllerNode
+from pkm_nodes.machine import MachineNode
+from pkm_nodes.recorder import RecorderNode
+from pkm_nodes.state_estimator import StateEstimatorNode
+from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+
+JOINTS = ('d1', 'd3', 'd5', 'd7')
+COLUMN = 1  # d3
+
+
+@pytest.fixture(scope='module')
+def joints(machine):
+    """Return a joint trajectory of 200 samples."""
+    motion = Motion(
+        machine=machine.name,
+        targets=[Target(by={'d3': 2e-4})],
+        lead_rest=10e-3,
+        move_time=30e-3,
+        settle_window=10e-3,
+    )
+    return to_joints(machine, plan(machine, motion))
+
+
+@pytest.fixture(scope='module')
+def volts(joints):
+    """Return an excitation [V] of d3."""
+    return 0.5 * np.sin(2 * np.pi * 100 * 5e-4 * np.arange(len(joints)))
+
+
+def excitations(volts, cycle=0):
+    quiet = np.zeros(volts.size)
+    return [
+        Excitation(cycle=cycle, joint=joint, voltage=array('d', volts if joint == 'd3' else quiet)) for joint in JOINTS
+    ]
+
+
+class Cycle:
+    """The test in the place of the trajectory generator and of the machine's axis d3."""
+
+    def __init__(self, graph, joints):
+        self._graph, self._joints = graph, joints
+        self._trajectories = graph.publisher(SampledTrajectory, 'joint_trajectory')
+        self._excitations = graph.publisher(Excitation, 'excitation')
+        self._samples = graph.publisher(EncoderSample, 'd3/encoder')
+        self.commands = graph.listen(MotorCommand, 'd3/command')
+
+    def plan(self, cycle):
+        named = {'cycle': cycle, 'motion': 'd3_sweep_0', 'learning_law': IDENTIFY}
+        self._trajectories.publish(trajectory_to_msg(self._joints, **named))
+
+    def excite(self, cycle, volts):
+        for message in excitations(volts, cycle):
+            self._excitations.publish(message)
+
+    def sample(self, cycle, index, position):
+        self._samples.publish(EncoderSample(tick=index, cycle=cycle, index=index, position=position))
+
+    def answer(self):
+        self._graph.spin_until(lambda: self.commands, 'a command')
+        return self.commands.pop()
+
+
+@pytest.fixture
+def cycle(graph, joints):
+    return Cycle(graph, joints)
+
+
+def test_controller_waits_for_the_excitation_of_the_cycle(graph, cycle, volts):
+    graph.start(JointControllerNode, joint='d3')
+    cycle.excite(3, volts)
+    cycle.plan(4)
+    graph.spin_in_silence()
+    assert not graph.events
+    cycle.excite(4, volts)
+    loaded = graph.next_event(CycleEvent.LOADED)
+    assert (loaded.source, loaded.cycle, loaded.samples) == ('d3', 4, volts.size)
+
+
+def test_excitation_is_added_to_the_voltage_of_the_law(graph, machine, cycle, joints, volts):
+    graph.start(JointControllerNode, joint='d3')
+    cycle.excite(1, volts)
+    cycle.plan(1)
+    graph.next_event(CycleEvent.LOADED)
+    law = RobustController(
+        load_control(machine)['d3'], load_model(machine)['d3'], machine.sample_time, machine.voltage_limit
+    )
+    law.load(*(rows[:, COLUMN] for rows in joints.derivatives()), np.zeros(volts.size))
+    for index in range(volts.size):
+        position = joints.position[index, COLUMN] - 1e-6
+        cycle.sample(1, index, position)
+        voltage, error = law.update(index, position)
+        command = cycle.answer()
+        assert (command.voltage, command.error) == (voltage + volts[index], error)
+
+
+def test_axis_that_leaves_its_bounds_asks_for_a_stop_and_is_not_answered(graph, cycle, joints, volts):
+    graph.start(JointControllerNode, joint='d3')
+    cycle.excite(1, volts)
+    cycle.plan(1)
+    graph.next_event(CycleEvent.LOADED)
+    cycle.sample(1, 0, joints.position[0, COLUMN] + 1.5e-3)
+    stop = graph.next_event(CycleEvent.STOP)
+    assert (stop.source, stop.cycle) == ('d3', 1)
+    assert stop.message == 'sample 0: d3 is 1.500 mm off its reference; allowed 1 mm'
+    assert not cycle.commands
+
+
+def test_excitation_of_the_wrong_length_is_refused(graph, cycle, volts):
+    graph.start(JointControllerNode, joint='d3')
+    cycle.excite(1, volts[:-1])
+    cycle.plan(1)
+    refused = graph.next_event(CycleEvent.REFUSED, cycle=1)
+    assert refused.message == 'excitation of d3: 199 values; expected one a sample, 200'
+
+
+def test_inverse_kinematics_leaves_a_cycle_planned_in_joints_alone(graph, machine, joints):
+    graph.start(InverseKinematicsNode)
+    sent = graph.listen(SampledTrajectory, 'joint_trajectory')
+    poses = graph.publisher(SampledTrajectory, 'pose_trajectory')
+    trajectory = in_poses(machine, joints)
+    poses.publish(trajectory_to_msg(trajectory, cycle=1, motion='sweep', learning_law=IDENTIFY))
+    poses.publish(trajectory_to_msg(trajectory, cycle=2, motion='move', learning_law='none'))
+    graph.spin_until(lambda: sent, 'a joint_trajectory')
+    assert [message.cycle for message in sent] == [2]
+
+
+class Goals:
+    """Sends goals to the trajectory generator."""
+
+    def __init__(self, graph):
+        self._graph = graph
+        self._client = ActionClient(graph.node, ExecuteMotion, 'execute_motion')
+
+    def send(self, joints, excitation, **fields):
+        """Return the future of the result."""
+        self._graph.spin_until(self._client.server_is_ready, 'the action server')
+        experiment = trajectory_to_msg(joints, cycle=0, motion='d3_sweep_0', learning_law='')
+        goal = ExecuteMotion.Goal(**{'cycles': 1, 'experiment': experiment, 'excitation': excitation} | fields)
+        sent = self._client.send_goal_async(goal)
+        self._graph.spin_until(sent.done, 'the acceptance of the goal')
+        return sent.result().get_result_async()
+
+    def end(self, result):
+        self._graph.spin_until(result.done, 'the result')
+        return result.result().status, result.result().result.message
+
+    def close(self):
+        self._client.destroy()
+
+
+@pytest.fixture
+def goals(graph):
+    goals = Goals(graph)
+    yield goals
+    goals.close()
+
+
+@pytest.fixture
+def cell(graph, tmp_path):
+    """Start a whole cell of real nodes, but for what shows and learns."""
+    graph.start(MachineNode, wait_for_recorder=True)
+    for joint in JOINTS:
+        graph.start(JointControllerNode, joint=joint)
+    for node_type in (TrajectoryGeneratorNode, InverseKinematicsNode, StateEstimatorNode):
+        graph.start(node_type)
+    graph.start(RecorderNode, folder=str(tmp_path))
+
+
+def test_experiment_runs_as_one_cycle_and_its_bag_has_the_excitation(graph, cell, goals, machine, joints, volts):
+    result = goals.send(joints, excitations(volts))
+    recorded = graph.next_event(CycleEvent.RECORDED)
+    assert goals.end(result) == (GoalStatus.STATUS_SUCCEEDED, '')
+    record, warnings = read_cell_bag(machine, recorded.message)
+    assert not warnings
+    assert np.array_equal(record.reference, joints.position)
+    assert np.array_equal(record.excitation[:, COLUMN], volts)
+    assert not np.delete(record.excitation, COLUMN, axis=1).any()
+
+
+def test_stop_of_the_running_cycle_brakes_the_machine_at_once(graph, cell, goals, joints, volts):
+    events = graph.publisher(CycleEvent, 'cycle_events')
+    result = goals.send(joints, excitations(volts))
+    graph.next_event(CycleEvent.STARTED, cycle=1)
+    events.publish(CycleEvent(event=CycleEvent.STOP, source='somebody', cycle=1, message='enough'))
+    fault = graph.next_event(CycleEvent.FAULT)
+    assert fault.message == 'somebody: enough'
+    assert goals.end(result) == (GoalStatus.STATUS_ABORTED, 'machine: somebody: enough')
+
+
+def test_stop_of_another_cycle_means_nothing(graph, cell, goals, joints, volts):
+    events = graph.publisher(CycleEvent, 'cycle_events')
+    result = goals.send(joints, excitations(volts))
+    graph.next_event(CycleEvent.STARTED, cycle=1)
+    events.publish(CycleEvent(event=CycleEvent.STOP, source='somebody', cycle=7, message='enough'))
+    assert goals.end(result) == (GoalStatus.STATUS_SUCCEEDED, '')
+
+
+@pytest.mark.parametrize(
+    ('excited', 'fields', 'reason'),
+    [
+        (JOINTS[:3], {}, "goal: excitation of ['d1', 'd3', 'd5']; expected one of each of ['d1', 'd3', 'd5', 'd7']"),
+        (JOINTS, {'learning_law': 'fourier'}, "goal: learning_law 'fourier' and move_time 0.0 s with experiment"),
+        (JOINTS, {'motion': 'four_dof_70ms'}, "motion 'four_dof_70ms', 0 poses and experiment 'd3_sweep_0'; give one"),
+    ],
+)
+def test_experiment_that_does_not_fit_is_refused(graph, goals, joints, volts, excited, fields, reason):
+    graph.start(TrajectoryGeneratorNode)
+    given = [each for each in excitations(volts) if each.joint in excited]
+    status, message = goals.end(goals.send(joints, given, **fields))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert reason in message
+
+
+def test_cancelled_identification_leaves_the_machine_braked_and_the_bag_whole(graph, cell, machine, tmp_path):
+    graph.start(IdentificationNode, folder=str(tmp_path / 'identified'))
+    client = ActionClient(graph.node, Identify, 'identify')
+    graph.spin_until(client.server_is_ready, 'the action server')
+    sent = client.send_goal_async(Identify.Goal(joints=['d3']))
+    graph.spin_until(sent.done, 'the acceptance of the goal')
+    graph.next_event(CycleEvent.STARTED)
+    moved = graph.listen(EncoderSample, 'd3/encoder')
+    graph.spin_until(lambda: moved and abs(moved[-1].position - moved[0].position) > 1e-3, 'the first millimetre')
+    sent.result().cancel_goal_async()
+    fault = graph.next_event(CycleEvent.FAULT)
+    assert fault.message == 'identification: identification was cancelled'
+    result = sent.result().get_result_async()
+    graph.spin_until(result.done, 'the result')
+    assert result.result().status == GoalStatus.STATUS_CANCELED
+    assert result.result().result.message == f'd3_slow_moves: machine: {fault.message}'
+    graph.spin_until(lambda: moved[-1].tick == fault.tick - 1, 'the last tick of the safe stop')
+    assert abs(moved[-1].counts - moved[-50].counts) <= 2  # it stands, as far as the encoder's noise lets one see
+    recorded = graph.next_event(CycleEvent.RECORDED)
+    record, warnings = read_cell_bag(machine, recorded.message)
+    assert 100 <= len(record.counts) < 7000
+    assert 'the rest is missing' in warnings[0]
+    client.destroy()
