@@ -7,6 +7,7 @@ import typer
 from typer.testing import CliRunner
 
 from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
 from pkm_core.verbs import budget, calibrate, singularity, tolerance, workspace
 
 RUN = CliRunner()
@@ -79,7 +80,8 @@ def test_calibrate_takes_the_measurements_of_a_simulation_as_its_own(tmp_path):
     for title in ('drawing', 'calibrated'):
         assert figures['errors'][title] == pytest.approx(simulated['errors'][title], rel=1e-3)
     assert figures['errors']['calibrated']['x_um'] < 0.2 * figures['errors']['drawing']['x_um']
-    assert (again / 'calibration.yaml').is_file()
+    assert figures['errors']['calibrated machine file'] == pytest.approx(figures['errors']['calibrated'], rel=1e-3)
+    assert load_machine(again / 'calibrated' / 'four_dof.yaml').config.built.l4 != 0.07
     assert pictures(again) == ['calibration']
 
 

@@ -5,12 +5,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pkm_core.design.calibration import built_machine
+from pkm_core.design.specimen import end_point
 from pkm_core.errors import WorkspaceError
 from pkm_core.jet import Jet
 from pkm_core.machines import load_machine
+from pkm_core.machines.built import FourDofBuilt
 
 MACHINES = {name: load_machine(name) for name in ('four_dof', 'planar', 'xy_stage')}
 FOUR_DOF, PLANAR = MACHINES['four_dof'], MACHINES['planar']
+# built a tenth of a millimetre off, each length by another amount
+OFF = {'l2': 1e-4, 'l4': -0.7e-4, 'l6': 0.4e-4, 'l8': -1.1e-4, 'k10': 0.9e-4, 'k12': -0.6e-4, 'dx': 0.5e-4}
+OFF |= {'dy': -0.3e-4, 'dz': 0.8e-4, 'd1': 0.6e-4, 'd3': -0.2e-4, 'd5': 0.1e-4, 'd7': -0.4e-4}
+BUILT = built_machine(FOUR_DOF, OFF)
+MACHINES |= {'four_dof built': BUILT, 'planar built': built_machine(PLANAR, OFF)}
 every_machine = pytest.mark.parametrize('machine', MACHINES.values(), ids=MACHINES)
 
 
@@ -142,21 +150,34 @@ def test_jets_of_inverse_agree_with_differences_along_a_motion():
     np.testing.assert_allclose(jerk, (-a + 2 * b - 2 * d + e) / (2 * h**3), rtol=1e-2)
 
 
-def test_links_drawn_at_their_passive_angles_meet():
-    q = random_joints(FOUR_DOF, 100)
-    angle, g = FOUR_DOF.passive_angles(q), FOUR_DOF.config.geometry
-    d1, d3, d5, d7 = q.T
+@pytest.mark.parametrize('machine', [FOUR_DOF, BUILT], ids=['drawn', 'built'])
+def test_links_drawn_at_their_passive_angles_meet(machine):
+    q = random_joints(machine, 100)
+    angle = machine.passive_angles(q)
+    g = machine.config.built or FourDofBuilt.as_drawn(machine.config.geometry)
+    d1, d3, d5, d7 = (q - list(dict(g.marks).values())).T
     P = np.array([d1 + g.l2 * np.cos(angle['th2']), g.l2 * np.sin(angle['th2']) + g.dy])
-    np.testing.assert_allclose(P[0], d3 + g.l2 * np.cos(angle['th4']), atol=1e-15)
-    np.testing.assert_allclose(P[1], g.l2 * np.sin(angle['th4']) + g.dy, atol=1e-15)
-    Q = np.array([g.l2 * np.cos(angle['th6']) + g.dx, d5 + g.l2 * np.sin(angle['th6'])])
-    np.testing.assert_allclose(Q[0], g.l2 * np.cos(angle['th8']) + g.dx, atol=1e-15)
-    np.testing.assert_allclose(Q[1], d7 + g.l2 * np.sin(angle['th8']), atol=1e-15)
-    for foot, elevation, sense in ((P, angle['theta10'], -1.0), (Q, angle['theta12'], 1.0)):
-        level = sense * g.k10 * np.cos(elevation)
+    np.testing.assert_allclose(P[0], d3 + g.l4 * np.cos(angle['th4']), atol=1e-15)
+    np.testing.assert_allclose(P[1], g.l4 * np.sin(angle['th4']) + g.dy, atol=1e-15)
+    Q = np.array([g.l6 * np.cos(angle['th6']) + g.dx, d5 + g.l6 * np.sin(angle['th6'])])
+    np.testing.assert_allclose(Q[0], g.l8 * np.cos(angle['th8']) + g.dx, atol=1e-15)
+    np.testing.assert_allclose(Q[1], d7 + g.l8 * np.sin(angle['th8']), atol=1e-15)
+    for foot, k, elevation, sense in ((P, g.k10, angle['theta10'], -1.0), (Q, g.k12, angle['theta12'], 1.0)):
+        level = sense * k * np.cos(elevation)
         x, y = foot + level * np.array([np.cos(angle['phi']), np.sin(angle['phi'])])
-        tip = np.stack([x, y, g.k10 * np.sin(elevation) + g.dz, angle['phi']], axis=-1)
-        np.testing.assert_allclose(tip, FOUR_DOF.forward(q), atol=1e-15)
+        tip = np.stack([x, y, k * np.sin(elevation) + g.dz, angle['phi']], axis=-1)
+        np.testing.assert_allclose(tip, machine.forward(q), atol=1e-15)
+
+
+@pytest.mark.parametrize('name', ['four_dof', 'planar'])
+def test_built_machine_reads_the_pose_of_the_specimen_and_knows_its_drawing(name):
+    drawn, built = MACHINES[name], MACHINES[f'{name} built']
+    q = random_joints(drawn, 100)
+    own = {*built.joints, *type(built.config.built).model_fields}
+    np.testing.assert_allclose(built.forward(q), end_point(drawn, q, {k: OFF[k] for k in OFF if k in own}), atol=1e-15)
+    assert np.abs(built.forward(q) - drawn.forward(q)).max() > 5e-5
+    np.testing.assert_array_equal(built.drawing.forward(q), drawn.forward(q))
+    np.testing.assert_array_equal(built.mass_matrix(q), drawn.mass_matrix(q))  # lengths enter the kinematics only
 
 
 def test_planar_passive_angles_are_those_of_the_same_sliders():

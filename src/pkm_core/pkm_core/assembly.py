@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pkm_core.machines.built import drawn_length
 from pkm_core.noise import assembly_generator
 
 _LINKS = {'four_dof': ('l2', 'l4', 'l6', 'l8', 'k10', 'k12'), 'planar': ('l2', 'l4'), 'xy_stage': ()}
@@ -78,7 +79,7 @@ def assemble(machine, truth, environment, seed):
     encoder_offset = environment.encoder_offset * draw.standard_normal(len(machine.joints))
     payload = truth.payload.mass * (1.0 + environment.payload_spread * draw.standard_normal())
     lengths = {
-        link: (geometry.k10 if link.startswith('k') else geometry.l2) + environment.link_error * draw.standard_normal()
+        link: drawn_length(geometry, link) + environment.link_error * draw.standard_normal()
         for link in _LINKS[machine.config.mechanism]
     }
     return Assembly(machine.config.mechanism, geometry, lengths, encoder_offset, payload)

@@ -11,7 +11,7 @@ import os
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
@@ -116,9 +116,11 @@ def _known_keys(model, location):
         annotation = (
             model.model_fields[part].annotation if isinstance(part, str) and part in model.model_fields else None
         )
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+        choices = get_args(annotation) or (annotation,)  # of a section that may be absent, `Model | None`
+        models = [choice for choice in choices if isinstance(choice, type) and issubclass(choice, BaseModel)]
+        if not models:
             return None
-        model = annotation
+        model = models[0]
     return sorted(model.model_fields)
 
 

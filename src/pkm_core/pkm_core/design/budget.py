@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pkm_core.design.specimen import BELTS, LINKS, OFFSETS, error_names, nominal_length, sensitivities
+from pkm_core.design.specimen import BELTS, LINKS, OFFSETS, error_names, sensitivities
 from pkm_core.design.tolerances import LengthSpread
+from pkm_core.machines.built import drawn_length
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def sources(machine, tolerances, q):
     mechanism, geometry = machine.config.mechanism, machine.config.geometry
     rounding = LengthSpread(uniform=0.5 * machine.encoder_resolution)
     links, offsets = LINKS[mechanism], OFFSETS[mechanism]
-    lengths = {link: nominal_length(machine, link) for link in links}
+    lengths = {link: drawn_length(geometry, link) for link in links}
     lengths |= {offset: getattr(geometry, offset) for offset in offsets}
     thermal, belts = tolerances.thermal, tolerances.belts
     return (

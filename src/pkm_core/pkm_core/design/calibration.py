@@ -4,10 +4,9 @@ Kinematic calibration: from laser measurements the lengths and marks of one buil
 The estimate is the most probable one given the measurements and the tolerances the machine was built to: a nonlinear
 least-squares problem in all errors of links, offsets and encoders, each in units of its tolerance. The laser's axes are
 those of the machine, its datum is unknown and drops out with the mean over the poses. What the measurements cannot tell
-stays where the drawing has it.
+stays where the drawing has it. A machine that was calibrated before starts from its drawing again.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,34 +15,14 @@ from pkm_core.design.specimen import LINKS, OFFSETS, end_point, error_names, sen
 from pkm_core.errors import PkmError
 
 
-@dataclass(frozen=True)
-class CalibratedModel:
-    """
-    A machine with its own lengths and marks; forward and inverse as those of `Machine`.
-
-    Attributes
-    ----------
-    machine : Machine
-        The drawing.
-    errors : dict
-        {name: deviation from the drawing} as in specimen.py [m].
-
-    """
-
-    machine: object
-    errors: dict[str, float]
-
-    def forward(self, q):
-        """Return the pose (..., m) at the encoder readings `q` (..., n) [m]."""
-        return end_point(self.machine, q, self.errors)
-
-    def inverse(self, x):
-        """Return the encoder readings (..., n) [m] that put the end point to the pose `x` (..., m)."""
-        q = self.machine.inverse(x)
-        for _ in range(6):  # Newton's method with the drawing's Jacobian: each step leaves some thousandth
-            step = np.linalg.solve(self.machine.jacobian(q), (np.asarray(x) - self.forward(q))[..., np.newaxis])
-            q = q + step[..., 0]
-        return q
+def built_machine(machine, errors):
+    """Return `machine` with section `built` of its file filled: lengths and marks off the drawing by `errors` [m]."""
+    config = machine.config
+    drawn = type(machine).Built.as_drawn(config.geometry)
+    marks = drawn.marks.model_copy(update={joint: errors.get(joint, 0.0) for joint in machine.joints})
+    off = {name: value + errors.get(name, 0.0) for name, value in drawn if name != 'marks'}
+    built = drawn.model_copy(update={**off, 'marks': marks})
+    return type(machine)(config.model_copy(update={'built': built}), machine.name)
 
 
 class Identifiability(NamedTuple):
@@ -65,7 +44,8 @@ class Identifiability(NamedTuple):
 class Calibration(NamedTuple):
     """The outcome for one machine."""
 
-    model: CalibratedModel
+    machine: object  # the `Machine` as it was built; forward and inverse take its lengths and marks
+    errors: dict  # {name: deviation from the drawing} as in specimen.py [m]
     deviations: dict  # {name: standard deviation of the estimate} [m]
     priors: dict  # {name: standard deviation before, from the tolerances} [m]
     identifiability: Identifiability
@@ -104,7 +84,7 @@ def calibrate(machine, measurements, tolerances, deviation):
     >>> q = study_poses(planar, 100, seed=1)
     >>> seen = simulate(planar, {'l2': 20e-6, 'l4': -10e-6}, laser, q, seed=1)
     >>> found = calibrate(planar, seen, load_tolerances(), laser.deviation(planar, q))
-    >>> {name: round(1e6 * found.model.errors[name]) for name in ('l2', 'l4')}  # um
+    >>> {name: round(1e6 * found.errors[name]) for name in ('l2', 'l4')}  # um
     {'l2': 19, 'l4': -11}
 
     """
@@ -130,8 +110,10 @@ def calibrate(machine, measurements, tolerances, deviation):
     covariance = np.linalg.inv(found.jac.T @ found.jac)
     _, singular, directions = np.linalg.svd(slope(np.zeros(len(names)))[: -len(names)], full_matrices=False)
     poses, coordinates = measurements.displacement.shape
+    errors = {name: float(error) for name, error in model(found.x).items()}
     return Calibration(
-        CalibratedModel(machine, {name: float(error) for name, error in model(found.x).items()}),
+        built_machine(machine, errors),
+        errors,
         dict(zip(names, (prior * np.sqrt(np.diag(covariance))).tolist(), strict=True)),
         priors,
         Identifiability(names, singular, directions),

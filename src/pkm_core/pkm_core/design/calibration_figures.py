@@ -7,7 +7,7 @@ from pkm_core.design.figures import new_figure, save, units
 
 def draw_calibration(folder, study, true_errors=None):
     """Write calibration.png of a `CalibrationStudy`; `true_errors` {name: error} is what a simulation was given [m]."""
-    calibration, machine = study.calibration, study.calibration.model.machine
+    calibration, machine = study.calibration, study.calibration.machine
     figure = new_figure(12.0, 7.5)
     upper, lower = figure.subfigures(2, 1)
     upper.suptitle('measured minus predicted')
@@ -21,7 +21,7 @@ def draw_calibration(folder, study, true_errors=None):
     left, right = lower.subplots(1, 2, width_ratios=[2, 1])
     names = list(calibration.deviations)
     estimates, deviations = (
-        1e6 * np.array([row[name] for name in names]) for row in (calibration.model.errors, calibration.deviations)
+        1e6 * np.array([row[name] for name in names]) for row in (calibration.errors, calibration.deviations)
     )
     left.bar(
         names,

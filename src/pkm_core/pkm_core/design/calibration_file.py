@@ -1,89 +1,25 @@
-"""
-Calibrated machines as files: each length and mark, and the machine file with the mean lengths.
-
-A machine file has one length for links 2 to 8 and one for 10 and 12, so `load_machine` can take over their means only;
-the calibration file keeps all.
-"""
+"""Calibrated machines as files: the machine's own file with a section `built`, for every command and node."""
 
 import re
 
-from pkm_core.config import Config, Length, find_config, load_config
-from pkm_core.design.calibration import CalibratedModel
-from pkm_core.design.specimen import LINKS, OFFSETS, nominal_length
-from pkm_core.errors import ConfigError
+from pkm_core.config import find_config
 
 
-class CalibrationConfig(Config):
-    """What a calibration file says of one built machine."""
-
-    mechanism: str
-    links: dict[str, Length]
-    offsets: dict[str, Length]
-    encoder_offsets: dict[str, Length]  # reading minus position
-
-
-def write_calibration(path, calibration, source):
-    """Write the `Calibration` to the YAML file `path`; `source` says in words what it was made from."""
-    machine, errors = calibration.model.machine, calibration.model.errors
-    mechanism = machine.config.mechanism
-
-    def origin(name):
-        return f'  # +- {1e6 * calibration.deviations[name]:.2f} um, calibrated'
-
-    lines = [
-        f'# {machine.name} calibrated from {source}. +-: standard deviation of the estimate.',
-        f'mechanism: {mechanism}',
-    ]
-    lines.append('links:')
-    for name in LINKS[mechanism]:
-        lines.append(f'  {name}: {1e3 * (nominal_length(machine, name) + errors[name]):.6f} mm{origin(name)}')
-    lines.append('offsets:')
-    for name in OFFSETS[mechanism]:
-        lines.append(f'  {name}: {1e3 * (getattr(machine.config.geometry, name) + errors[name]):.6f} mm{origin(name)}')
-    lines.append('encoder_offsets:  # reading minus position')
-    for name in machine.joints:
-        lines.append(f'  {name}: {1e6 * errors[name]:.3f} um{origin(name)}')
-    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
-
-
-def load_calibration(path, machine):
+def write_calibrated_machine(path, machine_name, calibration, source):
     """
-    Return the `CalibratedModel` of `machine` that the YAML file `path` holds.
+    Write a copy of the machine file `machine_name` to `path` with what the `Calibration` found; `source` is in words.
 
-    Raises
-    ------
-    ConfigError
-        If the file is refused or belongs to another mechanism.
-
+    Models, gains and learned signals go by the name of a machine's file, so the copy should keep it.
     """
-    config = load_config(path, CalibrationConfig)
-    mechanism, geometry = machine.config.mechanism, machine.config.geometry
-    if config.mechanism != mechanism:
-        raise ConfigError(f'{path}: mechanism: {config.mechanism!r} given; {machine.name} is a {mechanism!r}')
-    drawn = {
-        'links': {name: nominal_length(machine, name) for name in LINKS[mechanism]},
-        'offsets': {name: getattr(geometry, name) for name in OFFSETS[mechanism]},
-        'encoder_offsets': dict.fromkeys(machine.joints, 0.0),
-    }
-    errors = {}
-    for section, nominal in drawn.items():
-        given = getattr(config, section)
-        if set(given) != set(nominal):
-            raise ConfigError(f'{path}: {section}: {sorted(given)} given; expected {sorted(nominal)}')
-        errors |= {name: given[name] - nominal[name] for name in nominal}
-    return CalibratedModel(machine, errors)
+    built = calibration.machine.config.built
+    lines = [f'built:  # calibrated from {source}; +- standard deviation of the estimate']
 
+    def line(indent, name, length):
+        return f'{indent}{name}: {1e3 * length:.6f} mm  # +- {1e6 * calibration.deviations[name]:.2f} um'
 
-def write_mean_machine(path, machine_name, calibration):
-    """Write a copy of the machine file `machine_name` to `path` with the mean calibrated lengths in it."""
-    machine, errors = calibration.model.machine, calibration.model.errors
+    lines += [line('  ', name, length) for name, length in built if name != 'marks']
+    lines.append('  marks:  # encoder reading minus position')
+    lines += [line('    ', joint, mark) for joint, mark in built.marks]
     text = find_config('machines', machine_name).read_text(encoding='utf-8')
-    links = LINKS[machine.config.mechanism]
-    for key, first in (('l2', 'l'), ('k10', 'k')):
-        lengths = [nominal_length(machine, name) + errors[name] for name in links if name.startswith(first)]
-        if lengths:
-            mean = 1e3 * sum(lengths) / len(lengths)
-            text, found = re.subn(rf'(?m)^(\s+{key}:).*$', rf'\1 {mean:.6f} mm  # calibrated: mean of its links', text)
-            if found != 1:
-                raise ConfigError(f'{machine_name}: {key} stands {found} times on a line of its own; expected once')
-    path.write_text(text, encoding='utf-8')
+    text = re.sub(r'(?ms)^built:.*?(?=^\S|\Z)', '', text)  # what was known before
+    path.write_text(text.rstrip('\n') + '\n\n' + '\n'.join(lines) + '\n', encoding='utf-8')

@@ -45,7 +45,7 @@ def study_calibration(machine, measurements, tolerances, laser):
     used, held = measurements.split()
     noise = laser.deviation(machine, used.q)
     found = calibrate(machine, used, tolerances, noise)
-    before, after = (prediction_errors(forward, held) for forward in (machine.forward, found.model.forward))
+    before, after = (prediction_errors(forward, held) for forward in (machine.forward, found.machine.forward))
     return CalibrationStudy(found, used, held, noise, before, after)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from pkm_core.assembly import Assembly
 from pkm_core.errors import PkmError
+from pkm_core.machines.built import drawn_length
 
 LINKS = {'four_dof': ('l2', 'l4', 'l6', 'l8', 'k10', 'k12'), 'planar': ('l2', 'l4')}
 OFFSETS = {'four_dof': ('dx', 'dy', 'dz'), 'planar': ('dy',)}
@@ -25,12 +26,6 @@ def error_names(machine):
     if mechanism not in LINKS:
         raise PkmError(f'{machine.name}: a {mechanism} has no links; known: {sorted(LINKS)}')
     return (*LINKS[mechanism], *OFFSETS[mechanism], *machine.joints, *BELTS[mechanism])
-
-
-def nominal_length(machine, link):
-    """Return the drawn length [m] of `link`, e.g. 'l4'."""
-    geometry = machine.config.geometry
-    return geometry.k10 if link.startswith('k') else geometry.l2
 
 
 def end_point(machine, q, errors):
@@ -58,7 +53,7 @@ def end_point(machine, q, errors):
         offsets=SimpleNamespace(
             **{name: getattr(geometry, name) + errors.get(name, 0.0) for name in OFFSETS[mechanism]}
         ),
-        lengths={link: nominal_length(machine, link) + errors.get(link, 0.0) for link in LINKS[mechanism]},
+        lengths={link: drawn_length(geometry, link) + errors.get(link, 0.0) for link in LINKS[mechanism]},
         encoder_offset=None,  # taken off below: it may be another one at each pose
         payload=None,
     )

@@ -110,6 +110,13 @@ class Machine(ABC):
         self.voltage_limit = drive.voltage_limit
         self.thrust_per_volt = thrust_per_ampere * drive.amplifier_gain
 
+    @property
+    def drawing(self):
+        """This machine as it was drawn, without what is known of the one that was built."""
+        if getattr(self.config, 'built', None) is None:
+            return self
+        return type(self)(self.config.model_copy(update={'built': None}), self.name)
+
     @abstractmethod
     def forward(self, q):
         """Return the pose (..., m) of the joint positions `q` (..., n), array or Jet; `WorkspaceError` out of reach."""

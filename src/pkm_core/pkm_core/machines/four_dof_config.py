@@ -14,6 +14,7 @@ from pkm_core.machines.base import (
     PositiveLength,
     PositiveMass,
 )
+from pkm_core.machines.built import FourDofBuilt
 from pkm_core.machines.t_mechanism import check_centres, check_travel
 
 
@@ -100,6 +101,7 @@ class FourDofConfig(MachineConfig):
     geometry: FourDofGeometry
     masses: FourDofMasses
     inertias: FourDofInertias
+    built: FourDofBuilt | None = None
 
     @model_validator(mode='after')
     def _travel_stays_regular(self):
@@ -117,6 +119,12 @@ class FourDofConfig(MachineConfig):
         longest = math.hypot(x1[1] - x2[0], y2[1] - y1[0])
         if not longest < 2.0 * k10:
             raise ValueError(f'the travel lets PQ grow to {longest * 1e3:g} mm; allowed below 2 k10 = {2e3 * k10:g} mm')
+        return self
+
+    @model_validator(mode='after')
+    def _built_is_close_to_the_drawing(self):
+        if self.built is not None:
+            self.built.check(self.geometry)
         return self
 
 

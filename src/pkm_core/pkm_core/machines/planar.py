@@ -22,8 +22,9 @@ from pkm_core.machines.base import (
     PositiveLength,
     PositiveMass,
 )
+from pkm_core.machines.built import PlanarBuilt
 from pkm_core.machines.checks import check_between
-from pkm_core.machines.t_mechanism import check_centres, check_travel, heights, margins
+from pkm_core.machines.t_mechanism import check_centres, check_travel, joint_place, joint_rates, margins
 
 
 class PlanarJoints(Config):
@@ -72,55 +73,65 @@ class PlanarConfig(MachineConfig):
     geometry: PlanarGeometry
     masses: PlanarMasses
     inertias: PlanarInertias
+    built: PlanarBuilt | None = None
 
     @model_validator(mode='after')
     def _travel_stays_regular(self):
         check_travel(self.joints, 'd1', 'd3', self.geometry.l2)
         return self
 
+    @model_validator(mode='after')
+    def _built_is_close_to_the_drawing(self):
+        if self.built is not None:
+            self.built.check(self.geometry)
+        return self
+
 
 class Planar(Machine):
-    """See the module; q = [d1, d3], x = [x, y]."""
+    """See the module; q = [d1, d3], encoder readings of the built machine, x = [x, y]."""
 
     Config = PlanarConfig
+    Built = PlanarBuilt
     joints = ('d1', 'd3')
     coordinates = ('x', 'y')
     parameters = dynamics.PLANAR_PARAMETERS
     terms = staticmethod(dynamics.planar_terms)
     rows = staticmethod(dynamics.planar_rows)
 
+    def __init__(self, config, name):
+        super().__init__(config, name)
+        self._built = config.built or PlanarBuilt.as_drawn(config.geometry)
+        self._marks = np.array([self._built.marks.d1, self._built.marks.d3])
+
     def forward(self, q):
         """Return (x1, y1) of (2.5), (2.6) at `q`; see `Machine.forward`."""
-        middle, _, Y1 = self._linkage(q)
-        return stack([middle, Y1 + self.config.geometry.dy])
+        d1, _, along, Y1 = self._linkage(q)
+        return stack([d1 + along, Y1 + self._built.dy])
 
     def inverse(self, x):
         """Return (d1, d3) of (2.11), (2.12) at the pose `x`; see `Machine.inverse`."""
         x = self._pose(x)
-        l2, dy = self.config.geometry.l2, self.config.geometry.dy
-        check_between(value(x)[..., 1:], dy, dy + l2, ('y',), 'reach of links 2 and 4 (2.10)')
+        l2, l4, dy = self._built.l2, self._built.l4, self._built.dy
+        check_between(value(x)[..., 1:], dy, dy + min(l2, l4), ('y',), 'reach of links 2 and 4 (2.10)')
         Y1 = x[..., 1] - dy
-        half_gap = np.sqrt(l2 * l2 - Y1 * Y1)
-        return stack([x[..., 0] - half_gap, x[..., 0] + half_gap])
+        below, above = np.sqrt(l2 * l2 - Y1 * Y1), np.sqrt(l4 * l4 - Y1 * Y1)
+        return stack([x[..., 0] - below, x[..., 0] + above]) + self._marks
 
     def jacobian(self, q):
         """Return J (..., 2, 2) [m/m] of (3.16); see `Machine.jacobian`."""
-        _, gap, Y1 = self._linkage(q)
-        J = np.full((*Y1.shape, 2, 2), 0.5)
-        J[..., 1, 0] = 0.25 * gap / Y1
-        J[..., 1, 1] = -J[..., 1, 0]
-        return J
+        _, gap, along, Y1 = self._linkage(q)
+        moves, sinks = joint_rates(gap, along, Y1)
+        return np.stack([np.stack([1.0 - moves, moves], axis=-1), np.stack([-sinks, sinks], axis=-1)], axis=-2)
 
     def singularity_margin(self, q):
         """Return by how much (...,) [m] the gap d3 - d1 may change before (3.27) or (3.29)."""
-        _, gap, _ = self._linkage(q)
-        return margins(gap, self.config.geometry.l2)
+        _, gap, _, _ = self._linkage(q)
+        return margins(gap, self._built.l2, self._built.l4)
 
     def passive_angles(self, q):
         """Return {'th2', 'th4'}: directions (...,) [rad] of links 2, 4 from their slider, from +X about +Z; (7.4)."""
-        _, gap, Y1 = self._linkage(q)
-        th2 = np.arctan(2.0 * Y1 / gap)
-        return {'th2': th2, 'th4': np.pi - th2}
+        _, gap, along, Y1 = self._linkage(q)
+        return {'th2': np.arctan(Y1 / along), 'th4': np.pi - np.arctan(Y1 / (gap - along))}
 
     def dynamic_parameters(self):
         """Return p as `dynamics.PLANAR_PARAMETERS`; see `Machine.dynamic_parameters`."""
@@ -129,8 +140,8 @@ class Planar(Machine):
         return np.array([numbers[name] for name in self.parameters])
 
     def _linkage(self, q):
-        """Return the middle of the sliders, their gap and the height of their joint, (...,) [m] each."""
-        q = self._joints(q)
+        """Return d1, the gap of the sliders and where their joint is: along from d1, and over the guide; (...,) [m]."""
+        q = self._joints(q) - self._marks
         gap = q[..., 1] - q[..., 0]
-        Y1 = heights(stack([gap]), self.config.geometry.l2, ('d3 - d1',))[..., 0]
-        return 0.5 * (q[..., 0] + q[..., 1]), gap, Y1
+        along, Y1 = joint_place(gap[..., None], self._built.l2, self._built.l4, ('d3 - d1',))
+        return q[..., 0], gap, along[..., 0], Y1[..., 0]

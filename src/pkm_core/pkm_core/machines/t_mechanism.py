@@ -2,7 +2,7 @@
 Two sliders on one guide with a link each, the links meeting in a joint at a height over the guide (thesis ch. 2).
 
 It is singular where the two pivots coincide (3.27) and where the links lie flat (3.28), (3.29). The links that rise
-from P and Q are one too, with PQ for the gap.
+from P and Q are one too, with PQ for the gap. Links are drawn alike; those of a built machine may differ.
 """
 
 import numpy as np
@@ -11,16 +11,16 @@ from pkm_core.jet import value
 from pkm_core.machines.checks import check_between
 
 
-def heights(gaps, link, names, reason='between the singularities (3.27) and (3.29)'):
+def joint_place(gaps, lower, higher, names, reason='between the singularities (3.27) and (3.29)'):
     """
-    Return the height (..., m) [m] of each joint over its pivots, the root of (2.6), (2.7), (2.18).
+    Return where the joint is, two (..., m) [m]: along the guide from the lower pivot, and over it; (2.5)-(2.7), (2.18).
 
     Parameters
     ----------
     gaps : ndarray or Jet, shape (..., m)
         Distance of the two pivots of each of m mechanisms [m].
-    link : float
-        Length of every link [m].
+    lower, higher : float or ndarray, shape (m,)
+        Length of the link on the lower and on the higher slider [m].
     names : sequence of m str
         What the gaps are called if one is refused.
     reason : str
@@ -32,13 +32,20 @@ def heights(gaps, link, names, reason='between the singularities (3.27) and (3.2
         If a mechanism is singular or torn apart.
 
     """
-    check_between(value(gaps), 0.0, 2.0 * link, names, reason)
-    return np.sqrt(link * link - 0.25 * gaps * gaps)
+    check_between(value(gaps), abs(lower - higher), lower + higher, names, reason)
+    along = 0.5 * gaps + 0.5 * (lower * lower - higher * higher) / gaps
+    return along, np.sqrt(lower * lower - along * along)
 
 
-def margins(gaps, link):
-    """Return the distance (..., m) [m] of each gap from its nearest singular value, 0 or 2 `link`."""
-    return np.minimum(gaps, 2.0 * link - gaps)
+def joint_rates(gaps, along, height):
+    """Return d along / d gap and d height / d gap (..., m) of arrays that `joint_place` took and gave."""
+    rate = 1.0 - along / gaps
+    return rate, -along / height * rate
+
+
+def margins(gaps, lower, higher):
+    """Return the distance (..., m) [m] of each gap from its nearest singular value, as in `joint_place`."""
+    return np.minimum(gaps - abs(lower - higher), lower + higher - gaps)
 
 
 def check_travel(joints, low, high, link):

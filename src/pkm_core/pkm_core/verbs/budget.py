@@ -40,7 +40,7 @@ def budget(
     from pkm_core.design.figures import units
     from pkm_core.design.tolerances import load_tolerances
 
-    console, model, out = Console(), load_machine(machine), folder(out)
+    console, model, out = Console(), load_machine(machine).drawing, folder(out)
     spreads = load_tolerances(tolerances)
     with progress(console, -(-machines // MACHINES_A_BLOCK) + 2) as step:
         step('first order')

@@ -26,8 +26,8 @@ def calibrate(
     """
     Estimate link lengths, offsets and encoder marks of one machine, tell how well they are known, judge on other poses.
 
-    Every fourth pose is held out of the estimate. --out gets calibration.yaml with all lengths, the machine file with
-    their means, a picture, and the measurements of a simulation, whose format your own must have.
+    Every fourth pose is held out of the estimate. --out gets the calibrated machine file, which every command and node
+    takes as --machine, a picture, and the measurements of a simulation, whose format your own must have.
 
     Example: `pkm calibrate --out runs/calibration`
 
@@ -38,7 +38,7 @@ def calibrate(
     from pkm_core.design.measurement import load_laser, read_measurements
     from pkm_core.design.tolerances import load_tolerances
 
-    console, model, out = Console(), load_machine(machine), folder(out)
+    console, model, out = Console(), load_machine(machine).drawing, folder(out)
     spreads, beam = load_tolerances(tolerances), load_laser(laser)
     with progress(console, 3) as step:
         step('measurements')
@@ -52,7 +52,7 @@ def calibrate(
         rows = _errors(model, study, simulated)
         if out:
             step('files')
-            rows['machine file with mean lengths'] = _write(out, machine, model, study, simulated, source)
+            rows |= _write(out, machine, model, study, simulated, source)
     scale = [factor for factor, _ in units(model)]
     rows = {name: row * scale for name, row in rows.items()}
     write_json(json_file, _figures(model, study, simulated, source, rows))
@@ -66,7 +66,7 @@ def calibrate(
     if found.misfit > 1.5:
         console.print('The residuals are larger than the noise: the machine has errors that this model lacks.')
     if out:
-        console.print(f'calibration.yaml, the machine file and the figure are in {out}', soft_wrap=True)
+        console.print(f'the calibrated machine is {_file(out, model)}, the figure is beside it', soft_wrap=True)
 
 
 def _rms(errors):
@@ -85,26 +85,30 @@ def _errors(model, study, simulated):
         'calibrated, largest': abs(study.after).max(axis=0),
     }
     if simulated:
-        calibrated = study.calibration.model
+        calibrated = study.calibration.machine
         rows['sent to 500 other poses, drawing'] = _rms(simulated.sent(model, model.inverse))
         rows['sent to 500 other poses, calibrated'] = _rms(simulated.sent(model, calibrated.inverse))
     return rows
 
 
+def _file(out, model):
+    return out / 'calibrated' / f'{model.name}.yaml'
+
+
 def _write(out, machine, model, study, simulated, source):
-    """Write every file and return the error (m,) that the machine file with mean lengths leaves [m, rad]."""
+    """Write every file and return {what: error (m,)} of the machine file as it is loaded again [m, rad]."""
     from pkm_core.design.calibration import prediction_errors
     from pkm_core.design.calibration_figures import draw_calibration
-    from pkm_core.design.calibration_file import write_calibration, write_mean_machine
+    from pkm_core.design.calibration_file import write_calibrated_machine
     from pkm_core.design.measurement import write_measurements
 
-    write_calibration(out / 'calibration.yaml', study.calibration, source)
-    write_mean_machine(out / f'{model.name}_calibrated.yaml', machine, study.calibration)
+    path = _file(out, model)
+    folder(path.parent)
+    write_calibrated_machine(path, machine, study.calibration, source)
     draw_calibration(out, study, simulated.errors if simulated else None)
     if simulated:
         write_measurements(out / 'measurements.csv', model, simulated.measurements)
-    mean = load_machine(out / f'{model.name}_calibrated.yaml')
-    return _rms(prediction_errors(mean.forward, study.held))
+    return {'calibrated machine file': _rms(prediction_errors(load_machine(path).forward, study.held))}
 
 
 def _figures(model, study, simulated, source, rows):
@@ -121,7 +125,7 @@ def _figures(model, study, simulated, source, rows):
         'errors': {title: dict(zip(names, row, strict=True)) for title, row in rows.items()},
         'parameters_um': {
             name: {
-                'estimate': 1e6 * found.model.errors[name],
+                'estimate': 1e6 * found.errors[name],
                 'deviation': 1e6 * found.deviations[name],
                 'tolerance': 1e6 * found.priors[name],
                 'true': 1e6 * simulated.errors[name] if simulated else None,
@@ -138,7 +142,7 @@ def _parameters_table(found, simulated):
     for i, heading in enumerate(('', 'estimate', '+-', 'tolerance', *(['true'] if simulated else []))):
         table.add_column(heading, justify='right' if i else 'left')
     for name, prior in found.priors.items():
-        values = [found.model.errors[name], found.deviations[name], prior]
+        values = [found.errors[name], found.deviations[name], prior]
         if simulated:
             values.append(simulated.errors[name])
         table.add_row(name, *(f'{1e6 * value:.2f}' for value in values))

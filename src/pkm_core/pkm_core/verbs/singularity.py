@@ -43,7 +43,7 @@ def singularity(
     from pkm_core.design.singularity import certificate, conditioning
     from pkm_core.design.workspace import sample_joints
 
-    console, model, out = Console(), load_machine(machine), folder(out)
+    console, model, out = Console(), load_machine(machine).drawing, folder(out)
     with progress(console, 3) as step:
         step('proof over boxes of joint positions')
         bounds = certificate(model, tolerance)

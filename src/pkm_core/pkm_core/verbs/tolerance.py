@@ -50,7 +50,7 @@ def tolerance(
     from pkm_core.design.optimisation import pareto_front
     from pkm_core.design.tolerance_study import against_differences, design_on_workspace, study_tolerance
 
-    console, model, out = Console(), load_machine(machine), folder(out)
+    console, model, out = Console(), load_machine(machine).drawing, folder(out)
     W = load_operational_workspace(workspace)
     with progress(console, 15) as step:
         design = design_on_workspace(model, W, 1e-3 * arm)

@@ -50,7 +50,7 @@ def workspace(
     """
     from pkm_core.design.workspace_study import Volume, box_against_thesis, exact_volume, monte_carlo, study_spatial
 
-    console, model, out = Console(), load_machine(machine), folder(out)
+    console, model, out = Console(), load_machine(machine).drawing, folder(out)
     spatial = None
     with progress(console, 7) as step:
         step('Monte-Carlo samples and slices')
