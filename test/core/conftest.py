@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pkm_core.bags import BagWriter
+from pkm_core.bag_writer import BagWriter
 from pkm_core.machines import load_machine
 from pkm_core.message_types import typestore
 from pkm_core.motions import Motion, Target, plan

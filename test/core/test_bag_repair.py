@@ -14,7 +14,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from pkm_core.bag_repair import repair
-from pkm_core.bags import CHUNK_BYTES, raw_messages, read_topics
+from pkm_core.bag_writer import CHUNK_BYTES
+from pkm_core.bags import raw_messages, read_topics
 from pkm_core.errors import BagError
 from pkm_core.records import read_cycle
 
@@ -22,7 +23,7 @@ from pkm_core.records import read_cycle
 WRITER = """
 import os, resource, signal, sys
 from pathlib import Path
-from pkm_core.bags import BagWriter
+from pkm_core.bag_writer import BagWriter
 from pkm_core.message_types import typestore
 
 kind = 'std_msgs/msg/String'

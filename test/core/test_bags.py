@@ -1,6 +1,7 @@
 """Bags: what rosbag2 would write around the messages, and every message read back."""
 
 import json
+from os import urandom
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from pkm_core.bags import BagWriter, raw_messages, read_metadata, read_topics, writable_folder
+from pkm_core.bag_writer import BagWriter
+from pkm_core.bags import raw_messages, read_metadata, read_topics, writable_folder
 from pkm_core.config import install_prefixes
 from pkm_core.errors import BagError
 from pkm_core.message_types import typestore
@@ -151,3 +153,46 @@ def test_bag_that_exists_is_not_overwritten(write_bag):
     with pytest.raises(FileExistsError):
         BagWriter(bag, {}, {})
     assert Path(bag).exists()
+
+
+def test_bag_that_is_split_has_files_that_rosbags_and_we_read_as_one(tmp_path):
+    kind = 'std_msgs/msg/UInt32'
+    bag = BagWriter(tmp_path / 'bag', {'/a': kind, '/b': kind}, {'motion': 'none'})
+    for number in range(30):
+        if number in (10, 20):
+            bag.split()
+        message = typestore().types[kind](data=number)
+        bag.write('/a' if number % 3 else '/b', bytes(typestore().serialize_cdr(message, kind)), number)
+    bag.close({'end': 'finished'})
+    info = read_metadata(bag.path)
+    assert info['relative_file_paths'] == ['bag_0.mcap', 'bag_1.mcap', 'bag_2.mcap']
+    assert [file['message_count'] for file in info['files']] == [10, 10, 10]
+    assert [file['starting_time']['nanoseconds_since_epoch'] for file in info['files']] == [0, 10, 20]
+    assert (info['message_count'], info['duration']) == (30, {'nanoseconds': 29})
+    assert info['custom_data'] == {'motion': 'none', 'end': 'finished'}
+    assert [time for *_, time in raw_messages(bag.path)] == list(range(30))
+    assert [message.data for message in read_topics(bag.path)['/b']] == list(range(0, 30, 3))
+    with AnyReader([bag.path]) as reader:
+        assert [time for _, time, _ in reader.messages()] == list(range(30))
+    for file in bag.path.glob('*.mcap'):
+        with file.open('rb') as stream:
+            assert {record.name for record in make_reader(stream).iter_metadata()} >= {'pkm', 'rosbag2'}, file
+
+
+def test_folder_with_files_of_several_bags_is_refused(write_bag):
+    bag = write_bag()
+    (bag / 'other.mcap').touch()
+    with pytest.raises(BagError, match=r'is no bag of this cell: has 2 MCAP files; expected 1, or NAME_0\.mcap'):
+        list(raw_messages(bag))
+
+
+def test_bag_that_does_not_hold_what_was_written_is_refused_when_it_is_closed(tmp_path):
+    bag = BagWriter(tmp_path / 'bag', {'/a': 'std_msgs/msg/UInt32'}, {})
+    for time in range(5000):
+        bag.write('/a', urandom(200), time)
+    file = mcap_of(bag.path)
+    with file.open('r+b') as stream:  # a disk that gives back something else
+        stream.seek(file.stat().st_size // 2)
+        stream.write(bytes(64))
+    with pytest.raises(BagError, match=r'bag_0.mcap: '):
+        bag.close({})

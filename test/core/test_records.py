@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pkm_core.bags import BagWriter
+from pkm_core.bag_writer import BagWriter
 from pkm_core.errors import BagError
 from pkm_core.message_types import typestore
 from pkm_core.metrics import axis_metrics

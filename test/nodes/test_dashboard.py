@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 
-from pkm_core.bags import BagWriter
+from pkm_core.bag_writer import BagWriter
 from pkm_core.description import joint_positions
 from pkm_core.errors import BagError
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand

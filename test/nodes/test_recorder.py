@@ -4,24 +4,31 @@ import json
 import shutil
 from collections import Counter
 from itertools import pairwise
+from math import nan
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from std_msgs.msg import UInt64
+from std_srvs.srv import Trigger
 
-from pkm_core.bags import read_metadata, typestore
+from pkm_core.bags import read_metadata
 from pkm_core.errors import BagError, ConfigError
+from pkm_core.laser_clock import sample_numbers
+from pkm_core.message_types import typestore
+from pkm_core.provenance import config_hash, git_revision
+from pkm_core.recording import recording
+from pkm_core.recording.topics import STATES_EVERY
 from pkm_core.records import read_cycle
-from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
-from pkm_nodes import recorder
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, LaserSample, MotorCommand, SampledTrajectory
 from pkm_nodes.conversions import time_of_tick, trajectory_to_msg
+from pkm_nodes.learning import LearningNode
 from pkm_nodes.recorder import RecorderNode
-from pkm_nodes.state_estimator import POSE_EVERY
 
 JOINTS = ('d1', 'd3', 'd5', 'd7')
 SAMPLES = 40  # of the short motion
@@ -31,7 +38,8 @@ TS = 5e-4
 class Cell:
     """The test in the place of everything that is recorded."""
 
-    def __init__(self, graph, short_motion, joint_trajectory):
+    def __init__(self, graph, machine, short_motion, joint_trajectory):
+        self._machine = machine
         self._poses, self._joints = short_motion, joint_trajectory
         self._pose_trajectory = graph.publisher(SampledTrajectory, 'pose_trajectory')
         self._joint_trajectory = graph.publisher(SampledTrajectory, 'joint_trajectory')
@@ -39,6 +47,7 @@ class Cell:
         self._encoders = {joint: graph.publisher(EncoderSample, f'{joint}/encoder') for joint in JOINTS}
         self._commands = {joint: graph.publisher(MotorCommand, f'{joint}/command') for joint in JOINTS}
         self._metrics = {joint: graph.publisher(CycleMetrics, f'{joint}/cycle_metrics') for joint in JOINTS}
+        self._laser = graph.publisher(LaserSample, 'laser')
         self._pose = graph.publisher(PoseStamped, 'pose')
         self._joint_states = graph.publisher(JointState, 'joint_states')
 
@@ -59,8 +68,10 @@ class Cell:
             self._encoders[joint].publish(EncoderSample(tick=tick, cycle=cycle, index=index, mode=mode, counts=tick))
             if mode == EncoderSample.RUN:
                 self.command(joint, cycle, tick)
-        if tick % POSE_EVERY == 0:
+        if tick % STATES_EVERY == 0:
             self.state(tick)
+        for number in sample_numbers(self._machine, tick, tick + 1):
+            self._laser.publish(LaserSample(time=number * self._machine.laser_sample_time, displacement=[0.0] * 4))
 
     def command(self, joint, cycle, tick):
         self._commands[joint].publish(MotorCommand(tick=tick, cycle=cycle, voltage=0.5 * tick))
@@ -85,8 +96,8 @@ class Cell:
 
 
 @pytest.fixture
-def cell(graph, short_motion, joint_trajectory):
-    return Cell(graph, short_motion, joint_trajectory)
+def cell(graph, machine, short_motion, joint_trajectory):
+    return Cell(graph, machine, short_motion, joint_trajectory)
 
 
 def bag_of(graph, cycle):
@@ -104,15 +115,16 @@ def counts_by_mcap(bag):
         return Counter(channel.topic for _, channel, _ in make_reader(stream).iter_messages())
 
 
-NOT_EXCITED = {'/pkm/excitation': 0}  # what a reader of all topics finds beside the messages that there are
-
-
-def expected_counts(*, encoder=SAMPLES, command=SAMPLES, metrics=1, states=2, events=6):
+def expected_counts(*, encoder=SAMPLES, command=SAMPLES, metrics=1, states=2, laser=25, events=6):
     per_joint = {'encoder': encoder, 'command': command, 'cycle_metrics': metrics}
     counts = {f'/pkm/{joint}/{kind}': count for joint in JOINTS for kind, count in per_joint.items()}
     counts |= {f'/pkm/{topic}': 1 for topic in ('pose_trajectory', 'joint_trajectory')}
-    counts |= {f'/pkm/{topic}': states for topic in ('pose', 'joint_states')}
+    counts |= {f'/pkm/{topic}': states for topic in ('pose', 'joint_states')} | {'/pkm/laser': laser}
     return {topic: count for topic, count in (counts | {'/pkm/cycle_events': events}).items() if count}
+
+
+def nonzero(counts):
+    return {topic: count for topic, count in counts.items() if count}
 
 
 def test_cycle_gives_one_bag_that_rosbags_and_mcap_read_with_every_message(graph, cell, tmp_path):
@@ -150,7 +162,7 @@ def test_every_cycle_has_its_own_bag(graph, cell, tmp_path):
     for cycle in (1, 2, 3):
         record = read_cycle(bag_of(graph, cycle))
         assert record.ticks.tolist() == list(range((cycle - 1) * SAMPLES, cycle * SAMPLES))
-        assert record.recorded == expected_counts() | NOT_EXCITED
+        assert nonzero(record.recorded) == expected_counts()
     assert len(list(tmp_path.iterdir())) == 3
 
 
@@ -167,7 +179,7 @@ def test_messages_that_come_after_the_end_of_their_cycle_are_waited_for(graph, c
 
 
 def test_messages_that_never_come_are_named_and_the_bag_is_closed(graph, cell, tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(recorder, '_STRAGGLERS', 0.2)
+    monkeypatch.setattr(recording, 'STRAGGLERS', 0.2)
     graph.start(RecorderNode, folder=str(tmp_path))
     progress = graph.listen(UInt64, 'recorder/tick')
     cell.load(1)
@@ -178,7 +190,9 @@ def test_messages_that_never_come_are_named_and_the_bag_is_closed(graph, cell, t
     cell.finish(1, SAMPLES)
     bag = bag_of(graph, 1)
     assert counts_by_mcap(bag) == expected_counts(encoder=SAMPLES - 1, command=SAMPLES - 1)
-    assert "'/pkm/d1/encoder': '39 of 40'" in capfd.readouterr().err
+    said = capfd.readouterr().err
+    assert "'/pkm/d1/encoder': 1," in said
+    assert "'/pkm/d1/encoder': [[39, 39]]," in said
 
 
 def test_cycle_cut_short_by_a_fault_is_closed_and_readable(graph, cell, tmp_path):
@@ -191,7 +205,7 @@ def test_cycle_cut_short_by_a_fault_is_closed_and_readable(graph, cell, tmp_path
         cell.tick(1, tick, 10, mode=EncoderSample.SAFE_STOP)
     cell.tell(CycleEvent.FAULT, 1, source='machine', tick=30, samples=10, message='no answer')
     bag = bag_of(graph, 1)
-    assert counts_by_rosbags(bag) == counts_by_mcap(bag) == expected_counts(encoder=30, command=10, metrics=0)
+    assert counts_by_rosbags(bag) == counts_by_mcap(bag) == expected_counts(encoder=30, command=10, metrics=0, laser=19)
     assert read_cycle(bag).ticks.tolist() == list(range(10))
 
     cell.play(2, 30)
@@ -228,7 +242,7 @@ def test_late_message_of_a_closed_cycle_does_not_disturb_the_next_one(graph, cel
     for index in range(SAMPLES):
         cell.tick(2, 3 + index, index)
     cell.finish(2, 3 + SAMPLES)
-    assert read_cycle(bag_of(graph, 2)).recorded == expected_counts() | NOT_EXCITED
+    assert nonzero(read_cycle(bag_of(graph, 2)).recorded) == expected_counts()
     assert len(list(tmp_path.iterdir())) == 2
 
 
@@ -291,18 +305,86 @@ def test_recorder_reports_the_tick_that_every_topic_has_reached(graph, cell, tmp
     assert all(a.data <= b.data for a, b in pairwise(progress))
 
 
-def test_recorder_that_cannot_write_any_more_says_so_and_lets_the_machine_go_on(graph, cell, tmp_path, capfd):
+def test_cycle_that_cannot_be_written_is_told_and_the_next_one_is_recorded(graph, cell, tmp_path, capfd):
     folder = tmp_path / 'bags'
     progress = graph.listen(UInt64, 'recorder/tick')
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
     graph.start(RecorderNode, folder=str(folder))
     cell.play(1, 0)
     bag = bag_of(graph, 1)
     shutil.move(folder, tmp_path / 'elsewhere')
     folder.write_text('a file in the place of the folder')
     cell.play(2, SAMPLES)
+    told = graph.next_event(CycleEvent.NOT_RECORDED, cycle=2)
+    assert (told.source, told.message) == ('recorder', f'{folder}: Not a directory')
     graph.spin_until(lambda: progress and progress[-1].data == 2 * SAMPLES - 1, 'the progress of the recorder')
-    assert f'recording has stopped: {folder}: ' in capfd.readouterr().err
+    assert f'not recorded: cycle 2: {folder}: Not a directory' in capfd.readouterr().err
     assert counts_by_mcap(tmp_path / 'elsewhere' / bag.name) == expected_counts()
+    graph.spin_until(lambda: diagnostics and diagnostics[-1].status[0].level == b'\x02', 'an error in /diagnostics')
+    assert diagnostics[-1].status[0].message == f'not recorded: cycle 2: {folder}: Not a directory'
+
+    folder.unlink()
+    cell.play(3, 2 * SAMPLES)
+    assert counts_by_mcap(bag_of(graph, 3)) == expected_counts()
+    graph.spin_until(lambda: diagnostics[-1].status[0].message == 'recording', 'the end of the error')
+
+
+def test_services_stop_start_split_and_snapshot(graph, cell, tmp_path):
+    progress = graph.listen(UInt64, 'recorder/tick')
+    graph.start(RecorderNode, folder=str(tmp_path), preroll=0.01)
+
+    def call(name):
+        answer = graph.call(Trigger, f'recorder/{name}')
+        return answer.success, answer.message
+
+    assert call('split_bagfile') == (False, 'no bag is open: no cycle is being recorded')
+    assert call('snapshot') == (False, 'nothing to keep: no message of the servo tick has come yet')
+    assert call('stop') == (True, 'stopped')
+    assert call('stop') == (True, 'stopped already')
+    cell.play(1, 0)
+    assert 'recorder/record starts it again' in graph.next_event(CycleEvent.NOT_RECORDED, cycle=1).message
+    graph.spin_until(lambda: progress and progress[-1].data == SAMPLES - 1, 'the progress of the recorder')
+    good, path = call('snapshot')
+    assert good
+    assert counts_by_rosbags(Path(path))['/pkm/d1/encoder'] == 20
+
+    assert call('record') == (True, 'recording from the next cycle on')
+    assert call('record') == (True, 'recording already')
+    cell.load(2)
+    cell.start(2, SAMPLES)
+    for index in range(SAMPLES):
+        cell.tick(2, SAMPLES + index, index)
+    graph.spin_until(lambda: progress and progress[-1].data == 2 * SAMPLES - 1, 'the progress of the recorder')
+    good, text = call('split_bagfile')
+    assert good
+    assert text.startswith('cycle 2 goes on in a new file of ')
+    cell.finish(2, 2 * SAMPLES)
+    bag = bag_of(graph, 2)
+    assert len(list(bag.glob('*.mcap'))) == 2
+    assert read_cycle(bag).is_whole
+
+
+def test_bag_says_who_ran_with_which_parameters(graph, cell, tmp_path):
+    graph.start(LearningNode, machine='planar')
+    graph.start(RecorderNode, folder=str(tmp_path / 'bags'))
+    progress = graph.listen(UInt64, 'recorder/tick')
+    graph.spin_until(lambda: progress, 'the first word of the recorder')
+    cell.play(1, 0)
+    data = read_metadata(bag_of(graph, 1))['custom_data']
+    parameters = json.loads(data['parameters'])
+    assert set(parameters) == {'test', 'learning', 'recorder'}
+    assert parameters['learning']['machine'] == 'planar'
+    assert parameters['recorder']['folder'] == str(tmp_path / 'bags')
+    assert data['git_revision'] == git_revision()
+    assert data['config_hash'] == config_hash('four_dof', '', 'none'), 'nobody knows a file of the motion "short"'
+
+
+def test_second_recorder_on_the_folder_is_refused(graph, tmp_path):
+    node = graph.start(RecorderNode, folder=str(tmp_path))
+    with pytest.raises(BagError, match=f'{tmp_path}: another recorder writes its bags there'):
+        graph.start(RecorderNode, folder=str(tmp_path))
+    graph.stop(node)
+    graph.start(RecorderNode, folder=str(tmp_path))
 
 
 def test_folder_that_cannot_be_written_is_refused(graph, tmp_path):
@@ -315,6 +397,9 @@ def test_folder_that_cannot_be_written_is_refused(graph, tmp_path):
 @pytest.mark.parametrize(
     ('parameters', 'text'),
     [
+        ({'preroll': nan}, 'recorder: preroll is nan s; expected above 0, at most 60 s'),
+        ({'preroll': 0.0}, r'recorder: preroll is 0\.0 s; expected above 0'),
+        ({'preroll': 1e9}, r'recorder: preroll is 1000000000\.0 s; expected above 0, at most 60 s'),
         ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown"),
         ({'fodler': 'here'}, r"/pkm/recorder has unknown parameter\(s\) \['fodler'\]; known: .*'folder'"),
     ],

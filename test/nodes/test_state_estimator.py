@@ -1,4 +1,4 @@
-"""Node state_estimator: encoders in, the state of every POSE_EVERY-th tick out, in standard messages."""
+"""Node state_estimator: encoders in, the state of every STATES_EVERY-th tick out, in standard messages."""
 
 import math
 from math import cos, sin
@@ -12,8 +12,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from pkm_core.description import base_boxes, frames, joint_positions, links, moved
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
+from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
-from pkm_nodes.state_estimator import POSE_EVERY, StateEstimatorNode
+from pkm_nodes.state_estimator import StateEstimatorNode
 
 
 class Encoders:
@@ -48,13 +49,13 @@ def nanoseconds(message):
 
 
 def test_pose_is_the_forward_kinematics_of_every_twentieth_tick(graph, encoders, poses, machine):
-    ticks = range(2 * POSE_EVERY + 1)
+    ticks = range(2 * STATES_EVERY + 1)
     positions = {tick: machine.home + tick * np.array([1e-5, 2e-5, -1e-5, 3e-5]) for tick in ticks}
     for tick in ticks:
         encoders.send(tick, positions[tick])
     graph.spin_until(lambda: len(poses) == 3, 'three poses')
     for number, message in enumerate(poses):
-        tick = number * POSE_EVERY
+        tick = number * STATES_EVERY
         x, y, z, phi = machine.forward(positions[tick])
         pose = message.pose
         assert nanoseconds(message) == tick * round(machine.sample_time * 1e9)
@@ -66,7 +67,7 @@ def test_pose_is_the_forward_kinematics_of_every_twentieth_tick(graph, encoders,
 
 def test_joint_states_hold_motors_and_passive_joints_with_mean_speeds(graph, encoders, joint_states, machine):
     speed = np.array([0.1, -0.2, 0.3, 0.0])
-    ticks = (0, POSE_EVERY, 2 * POSE_EVERY)
+    ticks = (0, STATES_EVERY, 2 * STATES_EVERY)
     positions = [machine.home + speed * tick * machine.sample_time for tick in ticks]
     for tick, position in zip(ticks, positions, strict=True):
         encoders.send(tick, position)
@@ -85,7 +86,7 @@ def test_twist_is_the_mean_speed_of_the_platform(graph, encoders, machine):
     twists = graph.listen(TwistStamped, 'twist')
     start, end = machine.home, machine.home + np.array([5e-4, 3e-4, -2e-4, 4e-4])
     encoders.send(0, start)
-    encoders.send(POSE_EVERY, end)
+    encoders.send(STATES_EVERY, end)
     graph.spin_until(lambda: twists, 'a twist')
     twist = twists[0].twist
     speeds = (machine.forward(end) - machine.forward(start)) / 0.01
@@ -125,7 +126,7 @@ def test_twist_and_markers_are_silent_while_nobody_listens(graph, poses, machine
     for publisher in ('_twist_publisher', '_markers_publisher'):
         monkeypatch.setattr(getattr(estimator, publisher), 'publish', pytest.fail)
     encoders.send(0, machine.home)
-    encoders.send(POSE_EVERY, machine.home)
+    encoders.send(STATES_EVERY, machine.home)
     graph.spin_until(lambda: len(poses) == 2, 'two poses')
 
 
@@ -146,7 +147,7 @@ def test_joint_positions_without_a_pose_give_motors_only_and_the_next_ones_do(
     graph, encoders, poses, joint_states, machine, bad
 ):
     encoders.send(0, [bad, *machine.home[1:]])
-    encoders.send(POSE_EVERY, machine.home)
+    encoders.send(STATES_EVERY, machine.home)
     graph.spin_until(lambda: poses and len(joint_states) == 2, 'a pose and two joint states')
     assert [nanoseconds(pose) for pose in poses] == [10_000_000]
     assert tuple(joint_states[0].name) == machine.joints

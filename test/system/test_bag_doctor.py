@@ -12,7 +12,8 @@ import pytest
 import rclpy
 from std_msgs.msg import UInt64
 
-from pkm_core.bags import CHUNK_BYTES, raw_messages
+from pkm_core.bag_writer import CHUNK_BYTES
+from pkm_core.bags import raw_messages
 from pkm_core.control.robust import load_control
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine

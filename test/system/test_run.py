@@ -10,10 +10,10 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from pkm_core.bags import typestore
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
+from pkm_core.message_types import typestore
 from pkm_core.motions import load_motion, plan
 from pkm_core.records import read_cycle
 from pkm_core.simulation import run_cycles

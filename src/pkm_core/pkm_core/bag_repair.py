@@ -14,7 +14,8 @@ from pathlib import Path
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from pkm_core.bags import DAMAGE, BagWriter, bag_file, damage_refused, raw_messages, read_metadata
+from pkm_core.bag_writer import BagWriter
+from pkm_core.bags import DAMAGE, bag_files, damage_refused, raw_messages, read_metadata
 from pkm_core.errors import BagError
 from pkm_core.message_types import types_of
 
@@ -35,21 +36,28 @@ class Repair:
 
 
 class _Salvage:
-    """What is whole in the MCAP file `file`."""
+    """What is whole in the MCAP `files` of one bag."""
 
-    def __init__(self, file):
+    def __init__(self, files):
         self.metadata = {}
         self.damaged_chunks = 0
-        self.end = 0  # [bytes] of the last whole record
+        self.lost_bytes = 0  # after the last whole record of a file
         self._schemas, self._channels, self._messages = {}, {}, []
+        for file in files:
+            with damage_refused(file):
+                self._read(file)
+
+    def _read(self, file):
+        end = 0
         with file.open('rb') as stream:
             records = StreamReader(stream, emit_chunks=True, record_size_limit=file.stat().st_size).records
             try:
                 for record in records:
-                    self.end = stream.tell()
+                    end = stream.tell()
                     self._take(record)
             except DAMAGE:
                 pass  # here ends what is whole
+        self.lost_bytes += file.stat().st_size - end
 
     @cached_property
     def types(self):
@@ -115,27 +123,28 @@ def repair(path):
 
     """
     path = Path(path).resolve()
-    file = bag_file(path)
-    with damage_refused(file):
-        found = _Salvage(file)
+    files = bag_files(path)
+    found = _Salvage(files)
+    with damage_refused(files[-1]):
         if 'pkm' not in found.metadata:
-            raise BagError(f"{file}: is no bag of this cell: has no MCAP metadata record 'pkm'")
+            raise BagError(f"{files[-1]}: is no bag of this cell: has no MCAP metadata record 'pkm'")
         if _is_whole(path):
             return None
         if not found.messages():
-            raise BagError(f'{file}: holds no whole chunk of messages; nothing can be saved')
+            raise BagError(f'{files[-1]}: holds no whole chunk of messages; nothing can be saved')
         encoders, commands = found.read('EncoderSample'), found.read('MotorCommand')
         planned = _planned_ticks(found, encoders, commands)
     there = {topic: {m.tick for m in messages} for topic, messages in (encoders | commands).items()}
     target = path.with_name(f'{path.name.removesuffix(".mcap")}_repaired')
-    _write(target, found, {topic: len(ticks) for topic, ticks in planned.items()}, file.name)
+    expected = {topic: len(ticks) for topic, ticks in planned.items()}
+    _write(target, found, expected, ', '.join(file.name for file in files))
     counts = Counter(topic for topic, *_ in found.messages())
     return Repair(
         path=target,
         saved={topic: counts[topic] for topic in found.topics},
         missing={topic: _ranges(sorted(set(ticks) - there[topic])) for topic, ticks in planned.items()},
         damaged_chunks=found.damaged_chunks,
-        lost_bytes=file.stat().st_size - found.end,
+        lost_bytes=found.lost_bytes,
     )
 
 

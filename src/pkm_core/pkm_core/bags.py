@@ -1,123 +1,28 @@
 """
-Motion cycles as rosbag2 folders: one MCAP file and a metadata.yaml each, written and read without ROS.
+Reads bags without ROS: rosbag2 folders of MCAP files and a metadata.yaml, as bag_writer.py makes them.
 
-Messages carry the simulated time of their tick. Chunks of 64 KiB go to the operating system one by one, so a
-recorder that is killed loses at most the one it was filling; `pkm bag-doctor` makes a whole bag of the rest.
+Messages carry the simulated time of their tick.
 """
 
 import struct
-import sys
-from collections import Counter
 from contextlib import contextmanager
+from heapq import merge
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 import yaml
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
-from mcap.writer import CompressionType, Writer
 from rosbags.serde import SerdeError
 from rosbags.typesys import TypesysError
 from zstandard import ZstdError
 
 from pkm_core.errors import BagError
-from pkm_core.message_types import types_of, typestore
-from pkm_core.rosbag2 import NEVER, bag_information, channel_facts, dump
+from pkm_core.message_types import types_of
 
-CHUNK_BYTES = 64 * 1024
-# what a message takes in a chunk beside its data: opcode, length, channel, sequence and two times
-_MESSAGE_OVERHEAD = 31
 # the ways in which a damaged file shows; the checksums of its chunks turn most into a ValueError
 DAMAGE = (McapError, SerdeError, TypesysError, ZstdError, struct.error, ValueError, KeyError)
-
-
-class BagWriter:
-    """
-    Writes serialized messages into one bag folder.
-
-    Parameters
-    ----------
-    path : Path
-        Folder of the bag; it must not exist.
-    topics : dict of str to str
-        Message type by topic, e.g. ``{'/pkm/d1/encoder': 'pkm_interfaces/msg/EncoderSample'}``.
-    metadata : dict of str to str
-        Facts about the recording that are known now: record `pkm` of the MCAP file, custom data of metadata.yaml.
-    types : Typestore, optional
-        Where the types are defined; those installed by default.
-
-    """
-
-    def __init__(self, path, topics, metadata, types=None):
-        types = types or typestore()
-        self._hashes = {topic: types.hash_rihs01(kind) for topic, kind in topics.items()}
-        self.path = Path(path)
-        self.path.mkdir(parents=True)
-        self._file = self.path / f'{self.path.name}_0.mcap'
-        self._topics, self._metadata = topics, metadata
-        self._stream = self._file.open('wb')
-        # chunks end where `_flush` ends them: one that the writer ended by itself would stay in the stream's buffer
-        self._writer = Writer(self._stream, chunk_size=sys.maxsize, compression=CompressionType.ZSTD)
-        self._writer.start(profile='ros2', library='pkm_core')
-        schemas = {}
-        for message_type in sorted(set(topics.values())):
-            text, _ = types.generate_msgdef(message_type, ros_version=2)
-            schemas[message_type] = self._writer.register_schema(message_type, 'ros2msg', text.encode())
-        self._channels = {
-            topic: self._writer.register_channel(topic, 'cdr', schemas[kind], channel_facts(self._hashes[topic]))
-            for topic, kind in topics.items()
-        }
-        self._writer.add_metadata('pkm', metadata)
-        self._flush()
-        self.counts = Counter()
-        self._start, self._end = NEVER, 0
-
-    def _flush(self):
-        """End the chunk and hand it to the operating system, which keeps it whatever happens to this process."""
-        self._writer.flush()
-        self._unsaved = 0
-
-    def write(self, topic, data, time):
-        """Add the serialized message `data` at simulated `time` [ns]."""
-        self._start, self._end = min(self._start, time), max(self._end, time)
-        self._writer.add_message(self._channels[topic], time, data, time, self.counts[topic])
-        self.counts[topic] += 1
-        self._unsaved += _MESSAGE_OVERHEAD + len(data)
-        if self._unsaved >= CHUNK_BYTES:
-            self._flush()
-
-    def close(self, facts):
-        """
-        Finish the file, write metadata.yaml and read the file's summary back.
-
-        Parameters
-        ----------
-        facts : dict of str to str
-            What is known only now: record `pkm_end` of the MCAP file, and custom data of metadata.yaml too.
-
-        Raises
-        ------
-        BagError
-            If the file does not hold every message that was written.
-
-        """
-        self._writer.add_metadata('pkm_end', facts)
-        info = bag_information(
-            self._file.name,
-            [(topic, kind, self._hashes[topic], self.counts[topic]) for topic, kind in self._topics.items()],
-            start=self._start,
-            duration=max(0, self._end - self._start),
-            custom_data=self._metadata | facts,
-        )
-        self._writer.add_metadata('rosbag2', {'serialized_metadata': dump(info)})
-        self._writer.finish()
-        self._stream.close()
-        (self.path / 'metadata.yaml').write_text(dump({'rosbag2_bagfile_information': info}), encoding='utf-8')
-        with _reader(self._file) as reader:
-            statistics = reader.get_summary().statistics
-        held = {topic: statistics.channel_message_counts.get(channel, 0) for topic, channel in self._channels.items()}
-        if any(held[topic] != self.counts[topic] for topic in held):
-            raise BagError(f'{self._file}: holds {held} messages; {dict(self.counts)} were written')
 
 
 @contextmanager
@@ -134,10 +39,9 @@ def damage_refused(file, advice=''):
 
 
 @contextmanager
-def _reader(path):
-    """Open the bag `path` and yield the reader of its MCAP file."""
-    file = bag_file(path)
-    with damage_refused(file, f'; try: pkm bag-doctor {path}'), file.open('rb') as stream:
+def _reader(file, bag):
+    """Open `file` of the bag `bag` and yield its reader."""
+    with damage_refused(file, f'; try: pkm bag-doctor {bag}'), file.open('rb') as stream:
         yield SeekingReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size)
 
 
@@ -157,17 +61,24 @@ def read_metadata(path):
         raise BagError(f'{file}: cannot be read as the metadata of a bag: {_reason(error)}') from None
 
 
-def bag_file(path):
-    """Return the one MCAP file of the bag folder `path`, or `path` if it is a file; `BagError` otherwise."""
+def bag_files(path):
+    """Return the MCAP files of the bag folder `path`, oldest first, or `path` if it is a file; `BagError` otherwise."""
     path = Path(path)
     if path.is_file():
-        return path
+        return [path]
     if not path.exists():
         raise BagError(f'{path}: no such file or folder')
-    files = sorted(path.glob('*.mcap'))
-    if len(files) != 1:
-        raise BagError(f'{path}: is no bag of this cell: has {len(files)} MCAP files; expected 1')
-    return files[0]
+    files = list(path.glob('*.mcap'))
+    if len(files) == 1:
+        return files
+    # a bag that was split: NAME_0.mcap, NAME_1.mcap, ...
+    stems = {file.stem.rpartition('_')[0] for file in files}
+    named = [path / f'{stem}_{number}.mcap' for stem in stems for number in range(len(files))]
+    if len(stems) != 1 or set(named) != set(files):
+        raise BagError(
+            f'{path}: is no bag of this cell: has {len(files)} MCAP files; expected 1, or NAME_0.mcap, NAME_1.mcap, ...'
+        )
+    return named
 
 
 def raw_messages(path, topics=None):
@@ -182,7 +93,12 @@ def raw_messages(path, topics=None):
         If `path` is no bag or cannot be read.
 
     """
-    with _reader(path) as reader:
+    per_file = [_file_messages(file, path, topics) for file in bag_files(path)]
+    yield from merge(*per_file, key=itemgetter(3)) if len(per_file) > 1 else per_file[0]
+
+
+def _file_messages(file, bag, topics):
+    with _reader(file, bag) as reader:
         for schema, channel, message in reader.iter_messages(topics):
             yield channel.topic, schema.name, message.data, message.log_time
 
@@ -209,9 +125,12 @@ def read_topics(path, topics=None):
         If `path` is no bag or cannot be read.
 
     """
-    messages = {topic: [] for topic in topics or ()}
-    with _reader(path) as reader:
-        types = types_of(reader.get_summary().schemas.values())
+    messages, schemas = {topic: [] for topic in topics or ()}, {}
+    for file in bag_files(path):
+        with _reader(file, path) as reader:
+            schemas |= {schema.name: schema for schema in reader.get_summary().schemas.values()}
+    with damage_refused(path):
+        types = types_of(schemas.values())
         for topic, kind, data, _ in raw_messages(path, topics):
             messages.setdefault(topic, []).append(types.deserialize_cdr(data, kind))
     return messages

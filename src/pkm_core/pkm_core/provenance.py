@@ -4,6 +4,9 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
+from pkm_core.config import find_config, hash_files
+from pkm_core.machines import load_machine
+
 
 @cache
 def git_revision():
@@ -15,3 +18,11 @@ def git_revision():
     except (OSError, subprocess.SubprocessError):  # no git, or installed without its repository
         return 'unknown'
     return done.stdout.strip()
+
+
+@cache
+def config_hash(machine, motion, law):
+    """Return the hash of the files that `machine`, `motion` ('' for none) and learning `law` ('none') rest on."""
+    name = load_machine(machine).name
+    kinds = [('machines', machine), ('motions', motion), ('control', name), ('model', name), ('learning', law)]
+    return hash_files([find_config(kind, each) for kind, each in kinds if each not in ('', 'none')])

@@ -32,6 +32,7 @@ class CycleLog:
     seconds_in_cycles: float = 0.0  # wall time between first and last tick, summed over the cycles
     seconds: float = 0.0  # wall time from the first tick of the first to the last tick of the last cycle
     bags: list[Path] = field(default_factory=list)
+    unrecorded: list[str] = field(default_factory=list)  # why a cycle has no bag
 
 
 class CellClient:
@@ -65,6 +66,8 @@ class CellClient:
             self._started = None
         elif event.event == CycleEvent.RECORDED:
             self._log.bags.append(Path(event.message))
+        elif event.event == CycleEvent.NOT_RECORDED:
+            self._log.unrecorded.append(f'cycle {event.cycle} is not recorded: {event.message}')
 
     def _spin_until(self, condition, check, timeout, what):
         """Serve ROS until `condition()`; `check()` may raise at any time."""
@@ -89,6 +92,8 @@ class CellClient:
         """
         Run `motion` and return the `CycleLog` once the last bag is closed, if there is a recorder to `record` it.
 
+        A cycle that cannot be recorded ends the goal: nobody wants to wait for hundreds more.
+
         Raises
         ------
         PkmError
@@ -100,18 +105,24 @@ class CellClient:
         self._spin_until(sent.done, check, _UP_TIMEOUT, 'the cell did not answer the goal')
         result = sent.result().get_result_async()
         try:
-            self._spin_until(result.done, check, inf, '')
+            self._spin_until(lambda: result.done() or self._log.unrecorded, check, inf, '')
+            if self._log.unrecorded:
+                sent.result().cancel_goal_async()
+                self._spin_until(result.done, check, inf, '')
         except PkmError as death:
             # a machine that misses the answers of a process that has ended stops safely, and says so
             self._spin_until(result.done, lambda: None, _SAFE_STOP_TIMEOUT, f'{death}\nand the goal did not end')
             raise PkmError(f'{death}\n{result.result().result.message}') from None
         answer = result.result()
-        if answer.status != GoalStatus.STATUS_SUCCEEDED:
-            raise PkmError(f'after {answer.result.cycles_completed} of {cycles} cycles: {answer.result.message}')
+        if self._log.unrecorded or answer.status != GoalStatus.STATUS_SUCCEEDED:
+            reason = next(iter(self._log.unrecorded), answer.result.message)
+            raise PkmError(f'after {answer.result.cycles_completed} of {cycles} cycles: {reason}')
         self._spin_until(
-            lambda: not record or len(self._log.bags) >= cycles,
+            lambda: not record or self._log.unrecorded or len(self._log.bags) >= cycles,
             check,
             _RECORDED_TIMEOUT,
             f'the recorder has not closed all {cycles} bags',
         )
+        if self._log.unrecorded:
+            raise PkmError(self._log.unrecorded[0])
         return self._log

@@ -3,7 +3,7 @@
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.node import CYCLE_QOS
 
-NAMES = ('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP')
+NAMES = ('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP', 'NOT_RECORDED')
 
 
 class CycleEvents:

@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from pkm_core.bags import writable_folder
-from pkm_core.config import find_config, hash_files
 from pkm_core.errors import PkmError
 from pkm_core.learning import law_file, law_names
 from pkm_core.machines import load_machine
 from pkm_core.motions import default_motion, load_motion, plan
+from pkm_core.provenance import config_hash
 from pkm_core.records import read_cycle
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
@@ -75,7 +75,7 @@ def run(
         'seed': seed,
         'environment': environment,
         'arrangement': arrangement.value,
-        'config_hash': _config_hash(model, machine, motion, law),
+        'config_hash': config_hash(machine, motion, law),
         'sample_time_s': model.sample_time,
         'ticks': log.ticks,
         'ticks_per_second': log.ticks / log.seconds,
@@ -118,13 +118,6 @@ def _drive(console, machine, motion, cycles, law, seed, environment, arrangement
             )
 
         return client.execute(motion, cycles, law, cell.check, on_feedback)
-
-
-def _config_hash(model, machine, motion, law):
-    kinds = [('machines', machine), ('motions', motion), ('control', model.name), ('model', model.name)]
-    if law != 'none':
-        kinds.append(('learning', law))
-    return hash_files([find_config(kind, name) for kind, name in kinds])
 
 
 def _print_account(console, results, out):

@@ -1,7 +1,8 @@
 """
 Node `state_estimator`: encoders in, the state of the machine in standard messages out, by forward kinematics.
 
-pose and joint_states go out always, for the recorder counts on them; twist and markers only while somebody listens.
+pose and joint_states go out always, for the recorder counts on them; twist and markers, which the recorder takes as
+well, only while somebody listens.
 """
 
 import sys
@@ -15,17 +16,18 @@ from visualization_msgs.msg import MarkerArray
 from pkm_core.description import ROOT, joint_positions
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
+from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.conversions import time_of_tick
 from pkm_nodes.markers import LinkMarkers
 from pkm_nodes.node import CYCLE_QOS, PkmNode, run
 
-# [ticks] states go out at 100 Hz of simulated time
-POSE_EVERY = 20
+# [ticks] markers go out at 20 Hz of simulated time: they cost more than everything else and are for eyes
+MARKERS_EVERY = 100
 
 
 class StateEstimatorNode(PkmNode):
-    """Publishes pose, twist, joint_states and markers of every `POSE_EVERY`-th tick."""
+    """Publishes pose, twist and joint_states of every `STATES_EVERY`-th tick, markers less often."""
 
     def __init__(self, **kwargs):
         super().__init__('state_estimator', **kwargs)
@@ -44,7 +46,7 @@ class StateEstimatorNode(PkmNode):
             self.on_tick_topic(EncoderSample, f'{joint}/encoder', lambda sample, i=i: self._on_sample(i, sample))
 
     def _on_sample(self, joint, sample):
-        if sample.tick % POSE_EVERY:
+        if sample.tick % STATES_EVERY:
             return
         if sample.tick != self._tick:
             self._tick, self._arrived = sample.tick, 0
@@ -65,7 +67,7 @@ class StateEstimatorNode(PkmNode):
         before, self._previous = self._previous, (self._tick, joints, pose)
         if pose:
             self._publish_pose(stamp, pose)
-        if pose and self._markers_publisher.get_subscription_count():
+        if pose and self._tick % MARKERS_EVERY == 0 and self._markers_publisher.get_subscription_count():
             self._markers_publisher.publish(self._markers.message(stamp, joints))
         # mean speeds since the last state: 0.2 um counts over 10 ms are 20 um/s, so no filter is needed
         elapsed = 0.0 if before is None else (self._tick - before[0]) * machine.sample_time

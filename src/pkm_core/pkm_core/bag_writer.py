@@ -1,0 +1,156 @@
+"""
+Writes a bag: a rosbag2 folder of one MCAP file, or of several if it is split, and a metadata.yaml.
+
+Chunks of 64 KiB go to the operating system one by one, so a recorder that is killed, or whose disk is full, loses at
+most the one it was filling; `pkm bag-doctor` makes a whole bag of the rest.
+"""
+
+import sys
+import zlib
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+
+import zstandard
+from mcap.reader import SeekingReader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+
+from pkm_core.bags import damage_refused
+from pkm_core.errors import BagError
+from pkm_core.message_types import typestore
+from pkm_core.rosbag2 import NEVER, FileFacts, bag_information, channel_facts, dump
+
+CHUNK_BYTES = 64 * 1024
+# what a message takes in a chunk beside its data: opcode, length, channel, sequence and two times
+_MESSAGE_OVERHEAD = 31
+
+
+class BagWriter:
+    """
+    Writes serialized messages into one bag folder.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the bag; it must not exist.
+    topics : dict of str to str
+        Message type by topic, e.g. ``{'/pkm/d1/encoder': 'pkm_interfaces/msg/EncoderSample'}``.
+    metadata : dict of str to str
+        Facts about the recording that are known now: record `pkm` of every MCAP file, custom data of metadata.yaml.
+    types : Typestore, optional
+        Where the types are defined; those installed by default.
+
+    Attributes
+    ----------
+    counts : Counter
+        Messages written so far, by topic.
+
+    """
+
+    def __init__(self, path, topics, metadata, types=None):
+        types = types or typestore()
+        self._hashes = {topic: types.hash_rihs01(kind) for topic, kind in topics.items()}
+        self._schemas = {
+            kind: types.generate_msgdef(kind, ros_version=2)[0].encode() for kind in sorted(set(topics.values()))
+        }
+        self.path = Path(path)
+        self._topics, self._metadata = topics, metadata
+        self.counts = Counter()
+        self._closed = []  # FileFacts of the files that are finished
+        self.path.mkdir(parents=True)
+        self._begin_file()
+
+    def _begin_file(self):
+        self._file = self.path / f'{self.path.name}_{len(self._closed)}.mcap'
+        self._stream = self._file.open('wb')
+        # chunks end where `_flush` ends them: one that the writer ended by itself would stay in the stream's buffer
+        self._writer = Writer(self._stream, chunk_size=sys.maxsize, compression=CompressionType.ZSTD)
+        self._writer.start(profile='ros2', library='pkm_core')
+        schemas = {kind: self._writer.register_schema(kind, 'ros2msg', text) for kind, text in self._schemas.items()}
+        self._channels = {
+            topic: self._writer.register_channel(topic, 'cdr', schemas[kind], channel_facts(self._hashes[topic]))
+            for topic, kind in self._topics.items()
+        }
+        self._writer.add_metadata('pkm', self._metadata)
+        self._before = self.counts.copy()
+        self._start, self._end = NEVER, 0
+        self._flush()
+
+    def _flush(self):
+        """End the chunk and hand it to the operating system, which keeps it whatever happens to this process."""
+        self._writer.flush()
+        self._unsaved = 0
+
+    def write(self, topic, data, time):
+        """Add the serialized message `data` at simulated `time` [ns]."""
+        if time < self._start:
+            self._start = time
+        if time > self._end:
+            self._end = time
+        self._writer.add_message(self._channels[topic], time, data, time, self.counts[topic])
+        self.counts[topic] += 1
+        self._unsaved += _MESSAGE_OVERHEAD + len(data)
+        if self._unsaved >= CHUNK_BYTES:
+            self._flush()
+
+    def split(self):
+        """Finish the file and go on in a new one of the same bag."""
+        self._finish_file({})
+        self._begin_file()
+
+    def close(self, facts):
+        """
+        Finish the bag and read it back.
+
+        Parameters
+        ----------
+        facts : dict of str to str
+            What is known only now: record `pkm_end` of the last MCAP file, and custom data of metadata.yaml too.
+
+        Raises
+        ------
+        BagError
+            If a file does not hold every message that was written, or a chunk of it is damaged.
+
+        """
+        self._writer.add_metadata('pkm_end', facts)
+        self._finish_file(facts)
+        info = self._information(self._closed, self.counts, facts)
+        (self.path / 'metadata.yaml').write_text(dump({'rosbag2_bagfile_information': info}), encoding='utf-8')
+
+    def abandon(self):
+        """Let go of the file after a failure; what has been handed to the operating system stays."""
+        with suppress(OSError):  # what failed before fails again
+            self._stream.close()
+
+    def _finish_file(self, facts):
+        counts = self.counts - self._before
+        done = FileFacts(self._file.name, self._start, max(0, self._end - self._start), counts.total())
+        self._closed.append(done)
+        self._writer.add_metadata('rosbag2', {'serialized_metadata': dump(self._information([done], counts, facts))})
+        self._writer.finish()
+        self._stream.close()
+        _verify(self._file, {self._channels[topic]: count for topic, count in counts.items()})
+
+    def _information(self, files, counts, facts):
+        topics = [(topic, kind, self._hashes[topic], counts[topic]) for topic, kind in self._topics.items()]
+        return bag_information(files, topics, custom_data=self._metadata | facts)
+
+
+def _verify(file, counts):
+    """Read the MCAP file `file` back: every chunk has its checksum, and the summary tells of `counts` by channel."""
+    size = file.stat().st_size
+    unpack = zstandard.ZstdDecompressor()
+    with damage_refused(file), file.open('rb') as stream:
+        for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
+            if isinstance(record, Chunk):
+                content = unpack.decompress(record.data, max_output_size=record.uncompressed_size)
+                if zlib.crc32(content) != record.uncompressed_crc:
+                    raise BagError(f'{file}: a chunk that was written is damaged')
+        stream.seek(0)
+        statistics = SeekingReader(stream, record_size_limit=size).get_summary().statistics
+    held = {channel: count for channel, count in statistics.channel_message_counts.items() if count}
+    if held != counts:
+        raise BagError(f'{file}: holds {sum(held.values())} messages; {sum(counts.values())} were written')

@@ -1,0 +1,34 @@
+"""One recorder a folder: two would hand out the same names and each other's cycles."""
+
+import fcntl
+import os
+
+from pkm_core.bags import writable_folder
+from pkm_core.errors import BagError
+
+
+class FolderLock:
+    """
+    Holds `folder` (a path, made if need be) for one recorder until `release`; the lock ends with its process.
+
+    Raises
+    ------
+    BagError
+        If nothing can be written there, or another recorder holds it.
+
+    """
+
+    def __init__(self, folder):
+        self.path = writable_folder(folder)
+        self._descriptor = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(self._descriptor)
+            raise BagError(
+                f'{self.path}: another recorder writes its bags there; stop it or name another folder'
+            ) from None
+
+    def release(self):
+        """Let the next recorder have the folder."""
+        os.close(self._descriptor)
