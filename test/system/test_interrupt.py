@@ -10,7 +10,7 @@ from pkm_core.errors import PkmError
 from pkm_nodes.client import CellClient
 from pkm_nodes.processes import CellProcesses
 
-DOMAIN = 64
+DOMAIN = 111
 
 
 def test_interrupted_cell_ends_with_code_0_and_every_bag_is_readable(tmp_path, monkeypatch):
