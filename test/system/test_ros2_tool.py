@@ -22,13 +22,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Imu
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool
 
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import SampledTrajectory
-from pkm_nodes.ros2.hz import ReceiveRate
 from pkm_nodes.ros2.messages import message_to_csv, message_to_yaml
+from pkm_nodes.ros2.timing import Intervals
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOL = ROOT / 'bringup_scripts' / 'ros2'
@@ -80,6 +80,8 @@ class Bench(Node):
             self.create_publisher(String, '/mixed', 10),
             self.create_publisher(String, '/mixed', qos_profile_sensor_data),
         ]
+        stamped = self.create_publisher(Imu, '/stamped', 10)
+        self.create_timer(0.05, lambda: stamped.publish(Imu(header=Header(stamp=self.get_clock().now().to_msg()))))
         self.create_timer(0.05, lambda: [publisher.publish(String(data='hello')) for publisher in publishers])
         self.create_service(SetBool, '/set', self.on_set)
         self.declare_parameters('', [('gain', 2.5), ('name', 'abc'), ('weights', [1.0, 2.0])])
@@ -248,22 +250,48 @@ def test_echo_ends_quietly_on_ctrl_c_and_timeout(bench, ros2):
     assert ros2('topic', 'echo', '/silent', 'std_msgs/msg/String', '--spin-time', 0, '--timeout', 0.5).stdout == ''
 
 
-def test_hz_prints_the_rate_and_says_whose_it_is(bench, ros2):
+def test_hz_prints_the_rate_with_percentiles_and_says_where_it_is_measured(bench, ros2):
     result = ros2('topic', 'hz', '/chatter', '--window', 10, until='window: 10\n', code=signal.SIGINT)
     reports = re.findall(
-        r'average rate: ([\d.]+)\n\tmin: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: (\d+)\n', result.stdout
+        r'average rate: ([\d.]+)\n\tmin: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: (\d+)\n'
+        r'\t50 %: (\d+)us 95 %: (\d+)us 99 %: (\d+)us\n',
+        result.stdout + '\n',
     )
-    assert reports[-1][1] == '10'
     assert 10.0 < float(reports[-1][0]) < 30.0  # published at 20 Hz; a busy machine bunches ten messages
-    assert 'The rate is that of receiving here' in result.stderr
+    assert 0 < int(reports[-1][2]) <= int(reports[-1][3]) <= int(reports[-1][4])
+    assert 'measured where the messages are received, here' in result.stderr
+
+
+def test_delay_prints_the_age_of_messages_with_percentiles(bench, ros2):
+    result = ros2('topic', 'delay', '/stamped', until='us\n', code=signal.SIGINT)
+    mean, low, middle, high = map(
+        float,
+        re.search(
+            r'average delay: (-?[\d.]+)\n\tmin: (-?[\d.]+)s max: .*\n\t50 %: (-?\d+)us 95 %: \d+us 99 %: (\d+)us\n',
+            result.stdout,
+        ).groups(),
+    )
+    assert 0.0 <= low <= mean
+    assert 0.0 < middle <= high
+    assert 'measured where the messages are received, here' in result.stderr
+    refused = ros2('topic', 'delay', '/chatter', code=1)
+    assert 'msg does not have header' in refused.stderr
+
+
+def test_echo_tells_the_intervals_when_it_ends(bench, ros2):
+    result = ros2('topic', 'echo', '/chatter', until='hello\n---\ndata: hello\n---\n', code=signal.SIGINT)
+    assert re.search(r'intervals of the messages: 50 %: \d+us 95 %: \d+us 99 %: \d+us \(measured where', result.stderr)
 
 
 def test_rate_is_that_of_the_window():
-    rate = ReceiveRate(window=4)
-    reports = [rate.count(now) for now in (0, 1_000_000_000, 1_500_000_000, 2_000_000_000)]
-    assert reports == [None] * 3 + ['average rate: 1.500\n\tmin: 0.500s max: 1.000s std dev: 0.23570s window: 3']
-    assert rate.count(500) is None  # time was reset: starts anew
-    assert rate.count(1000) is None
+    intervals = Intervals(4)
+    reports = [intervals.count(now) for now in (0, 1_000_000_000, 1_500_000_000, 2_000_000_000)]
+    assert reports == [None] * 3 + [
+        'average rate: 1.500\n\tmin: 0.500s max: 1.000s std dev: 0.23570s window: 3\n'
+        '\t50 %: 500000us 95 %: 950000us 99 %: 990000us'
+    ]
+    assert intervals.count(500) is None  # time was reset: starts anew
+    assert intervals.count(1000) is None
 
 
 def test_service_call_prints_request_and_response(bench, ros2):

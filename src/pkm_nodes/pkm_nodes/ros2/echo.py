@@ -1,5 +1,8 @@
 """`ros2 topic echo`."""
 
+import sys
+from time import monotonic_ns
+
 import rclpy
 import yaml
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -18,6 +21,10 @@ from pkm_nodes.ros2.shared import (
     spin_until_done,
     wait_for_publishers,
 )
+from pkm_nodes.ros2.timing import RECEIVED_HERE, Intervals
+
+# [messages] whose intervals are told at the end
+_WINDOW = 10_000
 
 
 def add_arguments(parser):
@@ -65,8 +72,10 @@ def echo(args):
         return f"Invalid field value '{args.field}'"
     passes = message_filter(args.filter)
     done = rclpy.Future()
+    intervals = Intervals(_WINDOW)
 
     def on_message(msg, info):
+        intervals.count(monotonic_ns())
         value = _select(msg, fields)
         if not done.done() and passes(value):
             _print(value, info, args)
@@ -89,7 +98,12 @@ def echo(args):
         )
         if args.timeout:
             node.create_timer(args.timeout, lambda: done.set_result(True))
-        spin_until_done(node, done)
+        try:
+            spin_until_done(node, done)
+        finally:
+            if intervals.window.times:
+                times = intervals.window.percentiles()
+                print(f'intervals of the messages: {times} ({RECEIVED_HERE})', file=sys.stderr)
     return None
 
 

@@ -1,11 +1,11 @@
-"""`ros2 topic list`; `echo` and `hz` have their own files."""
+"""`ros2 topic list`; `delay`, `echo` and `hz` have their own files."""
 
 import argparse
 import time
 
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
-from pkm_nodes.ros2 import echo, hz
+from pkm_nodes.ros2 import delay, echo, hz
 from pkm_nodes.ros2.shared import add_commands, add_graph_arguments, ros_node
 
 
@@ -16,11 +16,13 @@ def add_arguments(parser):
     verbs = add_commands(
         parser,
         {
+            'delay': 'Display delay of topic from timestamp in header',
             'echo': 'Output messages from a topic',
             'hz': 'Print the average publishing rate to screen',
             'list': 'Output a list of available topics',
         },
     )
+    delay.add_arguments(verbs['delay'])
     echo.add_arguments(verbs['echo'])
     hz.add_arguments(verbs['hz'])
 
