@@ -12,6 +12,7 @@ VERBS = [
     'calibrate',
     'convergence',
     'drive-response',
+    'experiment',
     'identify',
     'identify-bag',
     'margins',

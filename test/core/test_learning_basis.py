@@ -7,16 +7,16 @@ import pytest
 
 from pkm_core.control.robust import load_control
 from pkm_core.errors import LearningError
+from pkm_core.experiments.transfer import transfer
 from pkm_core.learning import make_law
 from pkm_core.learning.regressors import forces, slip
 from pkm_core.learning.training import training_motion
 from pkm_core.machines import load_machine
-from pkm_core.motions import Motion, Target, load_motion, plan
-from pkm_core.simulation import run_cycles
+from pkm_core.motions import Motion, Target, plan
 from pkm_core.trajectory import to_joints
 
 TS = 0.5e-3
-MOTIONS = {'four_dof': 'four_dof_70ms', 'planar': 'planar_80ms'}
+MACHINES = ('four_dof', 'planar')
 
 
 @cache
@@ -36,7 +36,7 @@ def training(name):
 
 
 def test_training_motion_moves_every_pair_alike_and_oppositely():
-    for name in MOTIONS:
+    for name in MACHINES:
         acceleration = training(name).acceleration
         correlation = acceleration.T @ acceleration
         off = correlation - np.diag(np.diagonal(correlation))
@@ -73,7 +73,7 @@ def test_design_forces_are_those_of_the_inverse_dynamics():
         np.testing.assert_allclose(total, machine.inverse_dynamics(q, qd, qdd)[:, column], atol=1e-9)
 
 
-@pytest.mark.parametrize('name', MOTIONS)
+@pytest.mark.parametrize('name', MACHINES)
 def test_parameters_are_those_the_feedforward_was_made_of(name):
     bound = law(name).with_reference(training(name))
     rng = np.random.default_rng(4)
@@ -129,29 +129,11 @@ def test_parameters_of_another_joint_or_without_a_value_are_refused():
         bound.feedforward('d3', parameters)
 
 
-def moves_never_learned(machine):
-    """The machine's own motion, one axis alone, half length oppositely, and two moves drawn at random."""
-    n = len(machine.joints)
-    drawn = np.random.default_rng(5).uniform(-5e-3, 5e-3, (2, n))
-    lists = [[[4e-3, *[0.0] * (n - 1)]], [[2.5e-3, -2.5e-3] * (n // 2)], drawn.tolist()]
-    yield load_motion(MOTIONS[machine.name])
-    for moves in lists:
-        targets = tuple(Target(by=dict(zip(machine.joints, move, strict=True))) for move in moves)
-        yield Motion(machine=machine.name, targets=targets)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'limit'), [('four_dof', 4.0), ('planar', 8.0)])
 def test_first_cycle_of_moves_never_learned_is_within_micrometres(name, limit):
-    machine, the_law = load_machine(name), law(name)
-    control, bound = the_law.control, law(name).with_reference(training(name))
     for seed in (1, 2, 3, 4, 5):
-        learned = run_cycles(machine, training(name), control, the_law, 6, seed).feedforward[-1]
-        parameters = [bound.parameters(joint, row) for joint, row in zip(machine.joints, learned.T, strict=True)]
-        for motion in moves_never_learned(machine):
-            trajectory = joints(name, motion)
-            there = the_law.with_reference(trajectory)
-            start = [there.feedforward(*each, rested=True) for each in zip(machine.joints, parameters, strict=True)]
-            records = run_cycles(machine, trajectory, control, None, 1, seed + 100, start=np.stack(start, axis=1))
-            assert 1e6 * records.metric('max_dynamic_error').max() <= limit
-            assert records.metric('settling_time_5um').max() == 0.0
+        error, settling = transfer(name, seed)
+        assert len(error) == 4
+        assert 1e6 * error.max() <= limit
+        assert settling.max() == 0.0

@@ -3,7 +3,7 @@ The whole loop without ROS: the objects of the nodes, called in the order of the
 
 A cycle: start the plant's cycle, then tick by tick counts -> position -> controllers -> voltages -> plant; after its
 last tick every joint's monitor looks at it and, unless that steps in, the law turns error and feedforward into the
-feedforward of the next cycle.
+feedforward of the next cycle. A laser may watch the end point; the loop knows nothing of it.
 """
 
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ import numpy as np
 
 from pkm_core.control.controllers import make_controller
 from pkm_core.errors import PkmError
+from pkm_core.laser import Laser, LaserSamples
 from pkm_core.learning.monitor import Monitor
 from pkm_core.metrics import AxisMetrics, axis_metrics
 from pkm_core.plant import Plant
@@ -28,19 +29,21 @@ class CycleRecords:
     feedforward: np.ndarray  # (cycles, N, n) [V] the learned part, before the filters
     metrics: tuple[tuple[AxisMetrics, ...], ...]  # [cycle][joint]
     notices: tuple[str, ...]  # what the monitors of learning noticed, in order
+    laser: tuple[LaserSamples, ...]  # [cycle] of the end point; empty without a laser
 
     def metric(self, name):
         """Return the field `name` of `AxisMetrics` as an array (cycles, n)."""
         return np.array([[getattr(axis, name) for axis in cycle] for cycle in self.metrics])
 
 
-def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nominal', start=None):
+def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nominal', start=None, laser=False):
     """
     Run `cycles` cycles of a joint trajectory, from power-up at home, and return their `CycleRecords`.
 
     `trajectory` is in joints, as `to_joints` returns it; `control` comes from `load_control` or `load_torque_control`,
     `law` from `make_law`, or None to learn nothing; `seed` and `environment` go to the plant. `start` is the learned
-    feedforward (N, n) [V] of the first cycle, by default none.
+    feedforward (N, n) [V] of the first cycle, by default none; without a law it stays. `laser`: whether the end
+    point is measured, which takes as long again.
 
     Raises
     ------
@@ -54,11 +57,14 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
     error, voltage, feedforward = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     counts = np.zeros(shape, dtype=np.int64)
     if start is not None:
-        feedforward[0] = start
+        feedforward[:] = start
     if law is not None:
         law = law.with_reference(trajectory)
     monitors = [Monitor(joint) for joint in machine.joints]
     metrics, notices = [], []
+    watch, seen = Laser(machine, seed, environment) if laser else None, []
+    if watch:
+        watch.zero(0, plant.truth)
     for cycle in range(cycles):
         controller.load(trajectory, feedforward[cycle])
         plant.start_cycle(cycle + 1)  # the cell counts cycles from 1
@@ -67,8 +73,12 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
             measured = counts[cycle, index] * machine.encoder_resolution
             voltage[cycle, index], error[cycle, index] = controller.update(index, measured)
             plant.tick(voltage[cycle, index])
+            if watch:
+                watch.observe(cycle * len(trajectory) + index + 1, plant.truth)
             if plant.fault:
                 raise PkmError(f'cycle {cycle + 1}, sample {index}: {plant.fault}')
+        if watch:
+            seen.append(watch.read())
         metrics.append(
             tuple(
                 axis_metrics(axis_error, trajectory.move_starts, trajectory.move_ends, machine.sample_time)
@@ -84,4 +94,13 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
                 if decision.message:
                     notices.append(f'cycle {cycle + 1}: {decision.message}')
                 feedforward[cycle + 1, :, axis] = learned
-    return CycleRecords(machine.joints, error, counts, voltage, feedforward, tuple(metrics), tuple(notices))
+    return CycleRecords(
+        machine.joints,
+        error,
+        counts,
+        voltage,
+        feedforward,
+        tuple(metrics),
+        tuple(notices),
+        tuple(seen),
+    )

@@ -3,8 +3,9 @@ The truth of a simulated machine: strict models of config/truth/NAME.yaml and th
 
 Only the plant and the files it is made of may import this module; controllers, learning and identification hold their
 own model (config/model). A file has two layers: what the machine is (axes, drive, friction, ...) and, by name, the
-environments it can stand in, which say how strongly each imperfection acts: `ideal`, `nominal`, `hard`, and for the
-4-DOF manipulator `elastic`, which is `nominal` with belts that give and modes that depend on position.
+environments it can stand in, which say how strongly each imperfection acts: `ideal`, `nominal`, `hard`, `exact`, which
+is `nominal` with links and marks as drawn, and for the 4-DOF manipulator `elastic`, which is `nominal` with belts that
+give and modes that depend on position.
 """
 
 from typing import Annotated, Literal

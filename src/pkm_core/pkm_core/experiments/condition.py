@@ -1,0 +1,99 @@
+"""What is driven and compared: one machine under one controller and learning law, in one environment."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from pkm_core.control.computed_torque import load_torque_control
+from pkm_core.control.robust import load_control
+from pkm_core.learning import make_law
+from pkm_core.learning.design import design_feedforward
+from pkm_core.learning.law import Law
+from pkm_core.machines import load_machine
+from pkm_core.machines.base import Machine
+from pkm_core.motions import default_motion, load_motion, plan
+from pkm_core.trajectory import SampledTrajectory, to_joints
+
+ENVIRONMENTS = ('nominal', 'exact', 'hard')
+
+
+@dataclass(frozen=True)
+class Condition:
+    """
+    What is driven. `name` is its row in our tables, `column` that of the thesis's tables, '' where they have none.
+
+    Cycles up to `settled` are not counted: the machine starts from power-up, and a law has to learn.
+    """
+
+    name: str
+    machine: str
+    column: str = ''
+    control: str = 'robust'  # or 'computed_torque', each with the machine's own gains, or a file of config/control
+    law: str = 'none'
+    settled: int = 3
+    coupled: bool = False  # whether the feedforward has what the design couples, see `design_feedforward`
+    environment: str = 'nominal'
+    move_time: float | None = None  # [s] instead of that of the machine's default motion
+
+
+def motion_of(machine, move_time=None):
+    """Return name and `Motion`: the default one of a `Machine`, or the same in another time [s]."""
+    name = default_motion(machine)
+    motion = load_motion(name)
+    return name, motion if move_time is None else motion.model_copy(update={'move_time': move_time})
+
+
+class Prepared(NamedTuple):
+    """What a `Condition` is driven with."""
+
+    machine: Machine
+    motion: str
+    poses: SampledTrajectory
+    joints: SampledTrajectory
+    control: dict  # {joint: gains}
+    law: Law | None
+    start: np.ndarray | None  # (N, n) [V] feedforward to begin with
+
+
+def prepared(condition):
+    """Return the `Prepared` of a `Condition`; the same objects for all that differ in the environment only."""
+    return _prepared(condition.machine, condition.control, condition.law, condition.coupled, condition.move_time)
+
+
+@cache
+def _prepared(name, chosen, law, coupled, move_time):
+    machine = load_machine(name)
+    motion_name, motion = motion_of(machine, move_time)
+    poses = plan(machine, motion)
+    joints, control = to_joints(machine, poses), _control(machine, chosen)
+    return Prepared(
+        machine,
+        motion_name,
+        poses,
+        joints,
+        control,
+        None if law == 'none' else make_law(law, machine, control),
+        design_feedforward(machine, control, joints) if coupled else None,
+    )
+
+
+def _control(machine, chosen):
+    if chosen == 'computed_torque':
+        return load_torque_control(machine)
+    return load_control(machine, None if chosen == 'robust' else chosen)
+
+
+def conditions(experiment):
+    """Return the `Condition`s of the experiment 'planar' (chapter 7) or 'four_dof' (chapter 8), nominal."""
+    stage = {'planar': ('XY stage', 'XY stage'), 'four_dof': ('XY stage', 'single stages')}[experiment]
+    best = {'planar': 5, 'four_dof': 3}[experiment]
+    return (
+        Condition(stage[0], 'xy_stage', stage[1]),
+        Condition('computed torque', experiment, 'computed torque', 'computed_torque'),
+        Condition('robust', experiment, 'robust'),
+        Condition('coupled', experiment, 'robust', coupled=True),
+        Condition('thesis law', experiment, 'robust learning', f'{experiment}_thesis', 'fourier', settled=6),
+        Condition('best law', experiment, 'robust learning', law='inverse', settled=best),
+    )
