@@ -51,9 +51,9 @@ class CycleRecord:
         return [axis_metrics(error, self.move_starts, self.move_ends, self.sample_time) for error in self.error.T]
 
 
-def read_cycle(path, namespace='/pkm'):
+def read_cycle(path, namespace=None):
     """
-    Return the `CycleRecord` of the bag folder `path`.
+    Return the `CycleRecord` of the bag folder `path`; of the cell in `namespace`, by default the only one it holds.
 
     Only ticks that every joint has answered count: a cycle that ended in a safe stop is shorter than its trajectory.
 
@@ -65,11 +65,12 @@ def read_cycle(path, namespace='/pkm'):
     """
     info = read_metadata(path)
     messages = read_topics(path)
+    namespace = namespace or _namespace(path, messages)
 
     def trajectory_of(name):
         topic = f'{namespace}/{name}_trajectory'
         if topic not in messages:
-            raise BagError(f'{path}: has no message on {topic}; expected a bag of this cell in {namespace}')
+            raise BagError(f'{path}: has no message on {topic}; expected a bag of the cell in {namespace}')
         message = messages[topic][-1]
         return message, np.reshape(message.position, (-1, len(message.coordinates)))
 
@@ -117,3 +118,13 @@ def read_cycle(path, namespace='/pkm'):
         expected=json.loads(facts.get('expected', '{}')),
         facts={key: value for key, value in facts.items() if key != 'expected'},
     )
+
+
+def _namespace(path, messages):
+    """Return the namespace of the one cell that has spoken in a bag."""
+    end = '/joint_trajectory'
+    found = sorted(topic.removesuffix(end) for topic in messages if topic.endswith(end))
+    if len(found) != 1:
+        came = f'messages on {end} in the namespaces {found}' if found else f'no message on any {end}'
+        raise BagError(f'{path}: has {came}; expected a bag of one cell')
+    return found[0]

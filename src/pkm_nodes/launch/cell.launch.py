@@ -9,7 +9,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from pkm_nodes.graph import ENVIRONMENTS, NodeSpec, cell_nodes
+from pkm_nodes.graph import ENVIRONMENTS, NodeSpec, cell_nodes, clock_of, namespace_of
 
 ARGUMENTS = [
     DeclareLaunchArgument(
@@ -36,6 +36,7 @@ def _nodes(context):
         'environment': value['environment'],
         'folder': value['folder'],
     }
+    namespace = namespace_of(value['namespace'])
     if value['arrangement'] == 'composed':
         specs = [NodeSpec('cell', 'cell', settings)]
     else:
@@ -46,7 +47,8 @@ def _nodes(context):
             executable=spec.executable,
             # the machine's process has six nodes; a name given here would rename them all
             name=None if spec.name == spec.executable else spec.name,
-            namespace=value['namespace'],
+            namespace=namespace,
+            remappings=clock_of(namespace),
             parameters=[{'use_sim_time': True, **spec.parameters}],
             output='screen',
         )

@@ -14,6 +14,7 @@ from pkm_core.errors import PkmError
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.events import subscribe_events
+from pkm_nodes.graph import NAMESPACE
 from pkm_nodes.node import PkmNode
 
 # [s, wall] starting ten processes on a busy two-core machine took 20 s; the rest is reserve
@@ -36,11 +37,14 @@ class CycleLog:
 
 
 class CellClient:
-    """Talks to a running cell; use it in a ``with`` block. It owns rclpy's default context."""
+    """Talks to the running cell in `namespace`; use it in a ``with`` block. It owns rclpy's default context."""
+
+    def __init__(self, namespace=NAMESPACE):
+        self._namespace = namespace
 
     def __enter__(self):
         rclpy.init()
-        self._node = PkmNode('pkm_run')
+        self._node = PkmNode('pkm_run', namespace=self._namespace)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
@@ -85,7 +89,7 @@ class CellClient:
         machines = self._node.get_node_names_and_namespaces().count(('machine', namespace))
         if machines > 1:
             raise PkmError(
-                f'{machines} machines run in {namespace}; stop the other cell, or give this one another ROS_DOMAIN_ID'
+                f'{machines} machines run in {namespace}; stop the other cell, or give this one another namespace'
             )
 
     def execute(self, motion, cycles, law, check, on_feedback, *, record=True):

@@ -1,10 +1,14 @@
 """Who runs in a cell: the one list that the composed cell, `pkm run` and the launch file start their nodes from."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 
+# where a cell lives in the graph unless it is told otherwise
+NAMESPACE = '/pkm'
 # what the parameter and the options of this name say of themselves
 ENVIRONMENTS = 'how rough the world is: ideal, nominal, hard, elastic (four_dof) or another section of config/truth'
 
@@ -17,13 +21,26 @@ class NodeSpec:
     name: str
     parameters: dict = field(default_factory=dict)
 
-    def arguments(self, common):
-        """Return the command-line arguments that start this node with its and the `common` parameters."""
+    def arguments(self, common, namespace=NAMESPACE):
+        """Return the command line that starts this node in `namespace` with its and the `common` parameters."""
         parameters = {**common, **self.parameters}
+        moved = [('__ns', namespace), *clock_of(namespace)]
         settings = [word for key, value in parameters.items() for word in ('-p', f'{key}:={_yaml(value)}')]
         # only where it differs: __node renames every node of a process, and the machine's has six
         rename = [] if self.name == self.executable else ['-r', f'__node:={self.name}']
-        return ['--ros-args', *rename, *settings]
+        return ['--ros-args', *rename, *(word for rule in moved for word in ('-r', ':='.join(rule))), *settings]
+
+
+def namespace_of(text):
+    """Return the namespace that `text` names, with or without a slash in front; `PkmError` if none can be called so."""
+    if not re.fullmatch(r'/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII):
+        raise PkmError(f'namespace {text!r} given; expected letters, digits and _, not a digit first, / between names')
+    return '/' + text.removeprefix('/')
+
+
+def clock_of(namespace):
+    """Return the remappings that give a cell in `namespace` a time of its own; the one in /pkm has /clock."""
+    return [] if namespace == NAMESPACE else [('/clock', f'{namespace}/clock')]
 
 
 def _yaml(value):

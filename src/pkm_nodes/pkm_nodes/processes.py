@@ -9,7 +9,7 @@ from time import monotonic, sleep
 
 from pkm_core.config import install_prefixes
 from pkm_core.errors import PkmError
-from pkm_nodes.graph import NodeSpec, cell_nodes
+from pkm_nodes.graph import NAMESPACE, NodeSpec, cell_nodes
 
 # [s, wall] from the polite signal to the other one
 _PATIENCE = 10.0
@@ -40,6 +40,8 @@ class CellProcesses:
         Machine of config/machines or a file.
     arrangement : str
         'composed': one process; 'processes': one a node.
+    namespace : str
+        Where the cell lives in the graph.
     seed, environment
         Of the simulated machine.
     folder : Path
@@ -49,8 +51,9 @@ class CellProcesses:
 
     """
 
-    def __init__(self, machine, arrangement, *, seed, environment, folder, record=True):
+    def __init__(self, machine, arrangement, *, namespace=NAMESPACE, seed, environment, folder, record=True):
         bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
+        self._namespace = namespace
         self._logs.mkdir(parents=True, exist_ok=True)
         if arrangement == 'composed':
             own = {'machine': machine, 'seed': seed, 'environment': environment, 'folder': str(bags), 'record': record}
@@ -74,7 +77,7 @@ class CellProcesses:
         spec = self._specs[name]
         with (self._logs / f'{name}.log').open('a') as log:
             self.processes[name] = subprocess.Popen(
-                [*self.command(spec.executable), *spec.arguments({'use_sim_time': True})],
+                [*self.command(spec.executable), *spec.arguments({'use_sim_time': True}, self._namespace)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

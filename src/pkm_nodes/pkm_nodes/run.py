@@ -21,7 +21,7 @@ from pkm_core.records import read_cycle
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.trajectory import to_joints
-from pkm_nodes.graph import ENVIRONMENTS
+from pkm_nodes.graph import ENVIRONMENTS, NAMESPACE, namespace_of
 
 
 class Arrangement(StrEnum):
@@ -42,6 +42,9 @@ def run(
     ] = 'fourier_pid',
     seed: Annotated[int, typer.Option(min=0, help='Seed of everything random in the machine.')] = 1,
     environment: Annotated[str, typer.Option(help=f'{ENVIRONMENTS.capitalize()}.')] = 'nominal',
+    namespace: Annotated[
+        str, typer.Option(help='Where the cell lives in the graph; cells in different namespaces do not meet.')
+    ] = NAMESPACE,
     arrangement: Annotated[Arrangement, typer.Option(help='One process, or one a node.')] = Arrangement.composed,
     out: Annotated[Path | None, typer.Option(help='Folder for results; a new one in runs/ by default.')] = None,
     json_file: Annotated[Path | None, typer.Option('--json', help='Also write the results to this file.')] = None,
@@ -54,6 +57,7 @@ def run(
     Example: `pkm run --cycles 12 --law fourier_pid --arrangement processes`
     """
     console = Console()
+    namespace = namespace_of(namespace)
     model = load_machine(machine)
     motion = motion or default_motion(model)
     to_joints(model, plan(model, load_motion(motion)))  # a motion that cannot be driven starts no process
@@ -64,7 +68,7 @@ def run(
         raise PkmError(f'--out: {out} holds the results of another run; name an empty folder')
 
     try:
-        log = _drive(console, machine, motion, cycles, law, seed, environment, arrangement.value, out)
+        log = _drive(console, machine, motion, cycles, law, seed, environment, namespace, arrangement.value, out)
     except PkmError as error:
         raise PkmError(f'{error}\nwhat the cell printed and recorded is in {out}') from None
     records = [read_cycle(path) for path in log.bags]
@@ -91,7 +95,7 @@ def run(
     _print_account(console, results, out)
 
 
-def _drive(console, machine, motion, cycles, law, seed, environment, arrangement, out):
+def _drive(console, machine, motion, cycles, law, seed, environment, namespace, arrangement, out):
     """Run the cell and return its `CycleLog`."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     from pkm_nodes.client import CellClient
@@ -102,8 +106,10 @@ def _drive(console, machine, motion, cycles, law, seed, environment, arrangement
     )
     with (
         progress,
-        CellProcesses(machine, arrangement, seed=seed, environment=environment, folder=out) as cell,
-        CellClient() as client,
+        CellProcesses(
+            machine, arrangement, namespace=namespace, seed=seed, environment=environment, folder=out
+        ) as cell,
+        CellClient(namespace) as client,
     ):
         task = progress.add_task('starting the cell', total=cycles)
         client.wait_until_up(cell.check)

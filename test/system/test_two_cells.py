@@ -1,0 +1,84 @@
+"""Two cells in one graph at the same time: each is the cell it would be alone."""
+
+import json
+import sys
+from pathlib import Path
+from time import monotonic, sleep
+
+import numpy as np
+import pytest
+
+from pkm_core.control.robust import load_control
+from pkm_core.learning import make_law
+from pkm_core.machines import load_machine
+from pkm_core.motions import default_motion, load_motion, plan
+from pkm_core.records import read_cycle
+from pkm_core.simulation import run_cycles
+from pkm_core.trajectory import to_joints
+
+DOMAIN = 121
+PKM = Path(sys.prefix) / 'bin' / 'pkm'
+ROS2 = Path(__file__).parents[2] / 'bringup_scripts' / 'ros2'
+# namespace: machine, arrangement, seed
+CELLS = {'left': ('four_dof', 'composed', 7), 'hall_2/right': ('planar', 'processes', 8)}
+TIMEOUT = 300.0  # [s, wall] both cells take seconds; the rest is reserve
+
+
+@pytest.fixture(scope='module')
+def runs(tmp_path_factory, module_processes):
+    """Return {namespace: output folder} of two cells that ran at once, and the topics of the graph while they did."""
+    folders = {name: tmp_path_factory.mktemp('cell') / 'run' for name in CELLS}
+    started = {
+        name: module_processes.start(
+            *(PKM, 'run', '--namespace', name, '--machine', machine, '--arrangement', arrangement, '--seed', seed),
+            *('--cycles', 3, '--law', 'fourier_pid', '--out', folders[name]),
+            log=f'{machine}.log',
+        )
+        for name, (machine, arrangement, seed) in CELLS.items()
+    }
+    end, topics = monotonic() + TIMEOUT, ''
+    while any(process.poll() is None for process in started.values()) and monotonic() < end:
+        if not all(f'/{name}/clock' in topics for name in CELLS):
+            listed = module_processes.run(ROS2, 'topic', 'list')
+            topics = listed.stdout
+        sleep(0.2)
+    for name, process in started.items():
+        machine = CELLS[name][0]
+        assert process.poll() == 0, (module_processes.folder / f'{machine}.log').read_text()
+    return folders, topics.splitlines()
+
+
+@pytest.mark.parametrize('name', CELLS)
+def test_each_cell_has_the_bits_it_has_alone(runs, name):
+    machine, _, seed = CELLS[name]
+    machine = load_machine(machine)
+    trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
+    control = load_control(machine)
+    alone = run_cycles(machine, trajectory, control, make_law('fourier_pid', machine, control), cycles=3, seed=seed)
+    records = [read_cycle(path) for path in sorted((runs[0][name] / 'bags').iterdir())]
+    assert len(records) == 3
+    for number, record in enumerate(records):
+        assert np.array_equal(record.counts, alone.counts[number])
+        assert np.array_equal(record.voltage, alone.voltage[number])
+
+
+@pytest.mark.parametrize('name', CELLS)
+def test_bags_hold_the_topics_of_their_own_cell_and_lose_none(runs, name):
+    for path in (runs[0][name] / 'bags').iterdir():
+        recorded = read_cycle(path).recorded
+        assert all(topic.startswith(f'/{name}/') for topic in recorded)
+    results = json.loads((runs[0][name] / 'results.json').read_text())
+    assert all(m['recorded'] >= (m['expected'] or 0) for m in results['messages'].values())
+
+
+def test_each_cell_has_a_time_of_its_own(runs):
+    topics = runs[1]
+    assert {f'/{name}/clock' for name in CELLS} <= set(topics)
+    assert '/clock' not in topics
+    assert not [topic for topic in topics if topic.startswith('/pkm/')]
+
+
+def test_namespace_that_cannot_be_is_refused(module_processes):
+    done = module_processes.run(PKM, 'run', '--namespace', '2nd cell')
+    assert done.returncode == 1
+    assert done.stderr.startswith("pkm: namespace '2nd cell' given; expected letters")
