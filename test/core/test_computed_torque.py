@@ -7,7 +7,7 @@ import pytest
 
 from pkm_core.config import config_folder, find_config
 from pkm_core.control.computed_torque import ComputedTorque, TorqueGains, load_torque_control
-from pkm_core.control.controllers import JointControllers, make_controller
+from pkm_core.control.controllers import JointControllers, choose_control, find_control, kind_of, make_controller
 from pkm_core.control.margins import stability_margins, worst_margins
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
@@ -157,6 +157,33 @@ def test_whole_machine_follows_its_motion(name, limit):
 def test_kind_of_gains_decides_the_controller():
     assert isinstance(make_controller(FOUR_DOF, CONTROL), ComputedTorque)
     assert isinstance(make_controller(FOUR_DOF, load_control(FOUR_DOF)), JointControllers)
+
+
+@pytest.mark.parametrize(
+    ('chosen', 'folder', 'name', 'kind'),
+    [
+        ('robust', 'control', 'four_dof', 'robust'),
+        ('computed_torque', 'control_torque', 'four_dof', 'computed_torque'),
+        ('four_dof_thesis', 'control', 'four_dof_thesis', 'robust'),
+        (find_config('control', 'four_dof'), 'control', 'four_dof', 'robust'),
+        (find_config('control_torque', 'four_dof'), 'control_torque', 'four_dof', 'computed_torque'),
+    ],
+)
+def test_control_is_chosen_by_kind_by_name_or_by_file(chosen, folder, name, kind):
+    assert find_control(FOUR_DOF, chosen) == (kind, find_config(folder, name))
+    loaded = load_torque_control if kind == 'computed_torque' else load_control
+    assert choose_control(FOUR_DOF, chosen) == loaded(FOUR_DOF, find_config(folder, name))
+    assert kind_of(choose_control(FOUR_DOF, chosen)) == kind
+
+
+def test_control_that_does_not_exist_or_is_for_another_machine_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"'fast' is none of \['robust', 'computed_torque'\]; .*'four_dof_thesis'"):
+        choose_control(FOUR_DOF, 'fast')
+    with pytest.raises(ConfigError, match=r"joints are \['d1', 'd3'\]; four_dof has"):
+        choose_control(FOUR_DOF, find_config('control_torque', 'planar'))
+    (tmp_path / 'odd.yaml').write_text('joints: 3\n')
+    with pytest.raises(ConfigError, match=r'odd.yaml: joints: 3 given'):
+        choose_control(FOUR_DOF, tmp_path / 'odd.yaml')
 
 
 @pytest.mark.parametrize('kind', ['torque', 'robust'])

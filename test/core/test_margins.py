@@ -16,6 +16,7 @@ from pkm_core.control.margins import (
     design_grid,
     measured_margins,
     perturbed_models,
+    require_margins,
     require_stable,
     stability_margins,
     unit_circle,
@@ -239,6 +240,22 @@ def test_unstable_gains_are_refused_with_their_margin():
     with pytest.raises(PkmError, match=r'd1: the loop is unstable: slowest pole .* below 1, gain margin -2\.7 dB'):
         require_stable('d1', loud, model, TS)
     require_stable('d1', gains, model, TS)
+
+
+@pytest.mark.parametrize(
+    ('changed', 'reason'),
+    [
+        ({'kp': 60000.0}, r'd3: the loop is unstable: .* gain margin -\d+\.\d dB'),
+        ({'kd': 80.0}, r'd3: the loop has gain margin \d\.\d dB, allowed from 6'),
+        ({'kp': 1500.0}, r'd3: the loop has gain reduction \d\.\d dB, allowed from 6'),
+        ({'kp': 10000.0}, r'd3: the loop has phase margin 2\d\.\d deg, allowed from 30'),
+    ],
+)
+def test_gains_that_tolerate_too_little_are_refused_with_what_they_do(changed, reason):
+    gains, model = axis('four_dof', 'd3')
+    require_margins('d3', gains, model, TS, gain_margin=6.0, phase_margin=30.0)
+    with pytest.raises(PkmError, match=reason):
+        require_margins('d3', gains.model_copy(update=changed), model, TS, gain_margin=6.0, phase_margin=30.0)
 
 
 def test_margins_verb_writes_figures_and_pictures(tmp_path):

@@ -7,9 +7,13 @@ A controller has ``load(trajectory, learned)`` (a `SampledTrajectory` in joints 
 
 import numpy as np
 
-from pkm_core.control.computed_torque import ComputedTorque, TorqueGains
+from pkm_core.config import find_config, read_yaml
+from pkm_core.control.computed_torque import ComputedTorque, TorqueGains, load_torque_control
 from pkm_core.control.model import load_model
-from pkm_core.control.robust import RobustController
+from pkm_core.control.robust import RobustController, load_control
+from pkm_core.errors import ConfigError
+
+KINDS = {'robust': ('control', load_control), 'computed_torque': ('control_torque', load_torque_control)}
 
 
 class JointControllers:
@@ -40,5 +44,46 @@ class JointControllers:
 
 def make_controller(machine, control):
     """Return the controller for `control` of `load_control` or `load_torque_control`, with the machine's models."""
-    law = ComputedTorque if isinstance(control[machine.joints[0]], TorqueGains) else JointControllers
+    law = ComputedTorque if kind_of(control) == 'computed_torque' else JointControllers
     return law(machine, control, load_model(machine))
+
+
+def kind_of(control):
+    """Return which of `KINDS` the gains `control`, {joint: gains}, are for."""
+    return 'computed_torque' if isinstance(next(iter(control.values())), TorqueGains) else 'robust'
+
+
+def find_control(machine, chosen='robust'):
+    """
+    Return (kind, path) of a choice of controller.
+
+    `chosen` is one of `KINDS`, which takes the machine's own gains, or the name of a file of config/control or
+    config/control_torque, or a YAML file of gains, which itself tells for which controller it is.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file; what there is is listed.
+
+    """
+    if chosen in KINDS:
+        return chosen, find_config(KINDS[chosen][0], machine.name)
+    failures = []
+    for folder, _ in KINDS.values():
+        try:
+            path = find_config(folder, chosen)
+        except ConfigError as error:
+            failures.append(str(error))
+            continue
+        joints = read_yaml(path).get('joints')
+        gains = joints.values() if isinstance(joints, dict) else ()
+        torque = any(isinstance(each, dict) and 'natural_frequency' in each for each in gains)
+        return ('computed_torque' if torque else 'robust'), path
+    reasons = '; '.join(dict.fromkeys(failures))
+    raise ConfigError(f'control {chosen!r} is none of {list(KINDS)}; {reasons}')
+
+
+def choose_control(machine, chosen='robust'):
+    """Return {joint: gains} of a choice as `find_control` takes it; refusals also as `load_control`."""
+    kind, path = find_control(machine, chosen)
+    return KINDS[kind][1](machine, path)

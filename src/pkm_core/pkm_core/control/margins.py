@@ -118,6 +118,27 @@ def require_stable(where, gains, model, sample_time):
         raise PkmError(f'{where}: the loop is unstable: slowest pole |z| = {pole:.4f}; allowed below 1{excess}')
 
 
+def require_margins(where, gains, model, sample_time, *, gain_margin, phase_margin):
+    """
+    Refuse a `PidLaw` whose loop on `model` is unstable or tolerates too little: `PkmError`, beginning with `where`.
+
+    `gain_margin` [dB] is asked for both ways, rise and fall, `phase_margin` [deg] as well.
+    """
+    require_stable(where, gains, model, sample_time)
+    margins = stability_margins(gains, model, sample_time)
+    lacking = [
+        f'{name} {value:.1f} {unit}, allowed from {least:g}'
+        for name, value, least, unit in (
+            ('gain margin', margins.gain_margin, gain_margin, 'dB'),
+            ('gain reduction', margins.gain_reduction, gain_margin, 'dB'),
+            ('phase margin', margins.phase_margin, phase_margin, 'deg'),
+        )
+        if not value >= least
+    ]
+    if lacking:
+        raise PkmError(f'{where}: the loop has {"; ".join(lacking)}')
+
+
 def _slowest_pole(gains, model, sample_time):
     return float(np.abs(open_loop(gains, model, sample_time).closed_loop_poles()).max())
 
