@@ -123,11 +123,22 @@ def test_poses_motion_takes_the_default_move_time_when_none_is_given():
         (np.zeros((0, 2)), 0.07, r'poses have shape \(0, 2\)'),
         ([[0.1, 0.07]], -0.07, 'move time is -0.07 s'),
         ([[0.1, 0.07]], np.nan, 'move time is nan s'),
+        ([[0.1, 0.07]], 10.0, 'move time is 10 s; with their rests the 2 moves of a cycle take 20.2 s, allowed 20 s'),
+        ([[0.1, 0.07]] * 150, None, 'move time is 0.07 s; with their rests the 151 moves of a cycle take 25.67 s'),
     ],
 )
 def test_unfit_poses_are_refused(poses, move_time, reason):
     with pytest.raises(TrajectoryError, match=reason):
         poses_motion(PLANAR, poses, move_time)
+
+
+def test_motion_longer_than_a_trajectory_may_be_is_refused_with_its_length(tmp_path):
+    text = (
+        (config_folder() / 'motions' / 'planar_80ms.yaml').read_text().replace('move_time: 80 ms', 'move_time: 1 min')
+    )
+    (tmp_path / 'slow.yaml').write_text(text)
+    with pytest.raises(ConfigError, match=r'slow.yaml: move time is 60 s; .* take 120.2 s, allowed 20 s'):
+        load_motion(tmp_path / 'slow.yaml')
 
 
 def test_target_outside_the_workspace_is_refused_by_its_number():

@@ -21,6 +21,8 @@ from pkm_core.paths import Arc, Line
 from pkm_core.profiles import PROFILES, MotionLimits, fixed_profile, limited_profile
 from pkm_core.trajectory import DERIVATIVES, SampledTrajectory, checked_joints, with_derivatives
 
+LONGEST_CYCLE = 20.0  # [s] of moves and rests; a trajectory of that length is a message of 5 MB
+
 
 class Pose(Config):
     """Pose of the end-effector; a machine takes the coordinates it has, no more and no less."""
@@ -68,11 +70,23 @@ class Motion(Config):
     def _timing_is_clear(self):
         if self.limits is not None and 'move_time' in self.model_fields_set:
             raise ValueError("expected either 'move_time' or 'limits'")
+        if self.limits is None:
+            _check_duration(len(self.targets), self.move_time, self.lead_rest, self.settle_window)
         if self.profile == 'ruckig':
             limits = self.limits
             if limits is None or None in (limits.speed, limits.acceleration, limits.jerk) or limits.snap is not None:
                 raise ValueError("profile 'ruckig' takes limits of speed, acceleration and jerk, no more and no less")
         return self
+
+
+def _check_duration(targets, move_time, lead_rest, settle_window):
+    moves = targets + 1  # and home again
+    duration = moves * (move_time + lead_rest + settle_window)
+    if duration > LONGEST_CYCLE:
+        raise TrajectoryError(
+            f'move time is {move_time:g} s; with their rests the {moves} moves of a cycle take {duration:g} s, '
+            f'allowed {LONGEST_CYCLE:g} s'
+        )
 
 
 def load_motion(name_or_path):
@@ -93,11 +107,13 @@ def poses_motion(machine, poses, move_time=None):
     if not np.isfinite(poses).all():
         row, column = np.argwhere(~np.isfinite(poses))[0]
         raise TrajectoryError(f'pose {row}: {names[column]} is {poses[row, column]}; expected a finite number')
-    if move_time is not None and not 0 < move_time < np.inf:
+    default = {name: Motion.model_fields[name].default for name in ('move_time', 'lead_rest', 'settle_window')}
+    move_time = default['move_time'] if move_time is None else move_time
+    if not 0 < move_time < np.inf:
         raise TrajectoryError(f'move time is {move_time} s; expected a positive number')
+    _check_duration(len(poses), move_time, default['lead_rest'], default['settle_window'])
     targets = tuple(Target(pose=Pose(**dict(zip(names, row, strict=True)))) for row in poses.tolist())
-    timing = {} if move_time is None else {'move_time': move_time}
-    return Motion(machine=machine.name, targets=targets, **timing)
+    return Motion(machine=machine.name, targets=targets, move_time=move_time)
 
 
 def plan(machine, motion):
