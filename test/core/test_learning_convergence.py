@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from pkm_core.config import find_config
 from pkm_core.control.margins import perturbed_models, stability_margins, worst_margins
 from pkm_core.control.robust import load_control
 from pkm_core.errors import LearningError, PkmError
@@ -126,11 +127,22 @@ def test_wrong_sign_refuses_to_start():
         checked('inverse', the_law)
 
 
-def test_make_law_runs_the_test(monkeypatch):
+def test_make_law_runs_the_test(tmp_path):
     machine = load_machine('planar')
-    monkeypatch.setattr('pkm_core.learning.convergence.perturbed_models', lambda model: [stiffer(model)])
-    with pytest.raises(LearningError, match='would diverge'):
-        make_law('inverse', machine, load_control(machine))
+    text = find_config('learning', 'inverse').read_text().replace('160 Hz', '260 Hz').replace('208 Hz', '300 Hz')
+    (tmp_path / 'wide.yaml').write_text(text)
+    for _ in range(2):  # one that has failed is not taken for one that has passed
+        with pytest.raises(LearningError, match=r"wide.yaml' would diverge"):
+            make_law(str(tmp_path / 'wide.yaml'), machine, load_control(machine))
+
+
+def test_law_is_tested_anew_for_other_gains():
+    machine = load_machine('planar')
+    control = load_control(machine)
+    make_law('fourier_pid', machine, control)
+    weak = control['d3'].model_copy(update={'kp': 1500.0, 'kd': 9.0, 'ki': 30000.0})
+    with pytest.raises(LearningError, match=r"'fourier_pid' would diverge: the error of d3"):
+        make_law('fourier_pid', machine, control | {'d3': weak})
 
 
 def stiffer(model):

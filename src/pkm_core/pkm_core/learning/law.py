@@ -57,7 +57,7 @@ class Law(ABC):
     def __init__(self, config, machine, control):
         for joint, gains in control.items():
             if not isinstance(gains, PidLaw):
-                raise LearningError(f'learning: {joint} has {type(gains).__name__}; expected gains of load_control')
+                raise LearningError(f'learning: {joint} has {type(gains).__name__}; only robust control learns')
         self.config, self.machine, self.control = config, machine, control
         self.models = load_model(machine)
         self._minimum = int(np.ceil(1 / (config.band.fall_from * machine.sample_time)))  # a period of full weight

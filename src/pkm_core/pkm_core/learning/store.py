@@ -39,17 +39,22 @@ class Learned:
 
 def origin_of(machine, motion, law, control, trajectory):
     """Return the `Origin` of what the law called `law` learns on the motion called `motion`, `trajectory` in joints."""
-    joints = {'control': control, 'model': load_model(machine)}
-    config = [machine.config.model_dump_json()]
-    config += [f'{kind} {joint} {each[joint].model_dump_json()}' for kind, each in joints.items() for joint in each]
     return Origin(
         machine=machine.name,
         motion=motion,
         law=law,
         sample_time=machine.sample_time,
-        config=_digest('\n'.join(config).encode()),
+        config=config_hash(machine, control),
         reference=_digest(np.ascontiguousarray(trajectory.position).tobytes()),
     )
+
+
+def config_hash(machine, control):
+    """Return 12 hex digits that change with the machine's design, its models or the gains `control`, {joint: gains}."""
+    joints = {'control': control, 'model': load_model(machine)}
+    config = [machine.config.model_dump_json()]
+    config += [f'{kind} {joint} {each[joint].model_dump_json()}' for kind, each in joints.items() for joint in each]
+    return _digest('\n'.join(config).encode())
 
 
 def save(path, learned):

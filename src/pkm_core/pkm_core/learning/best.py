@@ -1,0 +1,74 @@
+"""Of everything driven while a motion is learned, what is worth keeping."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pkm_core.control.robust import RobustGains
+from pkm_core.errors import LearningError
+from pkm_core.learning import make_law
+from pkm_core.learning.basis import BasisLaw
+from pkm_core.learning.store import Learned, origin_of
+
+
+@dataclass(frozen=True)
+class _Row:
+    error: float  # [m] rms
+    gains: RobustGains
+    feedforward: np.ndarray  # (N,) [V]
+
+
+class Best:
+    """
+    The feedforward of every joint that left the lowest rms error, of one motion under one law.
+
+    Parameters
+    ----------
+    machine : Machine
+    motion : str
+        Name of the motion.
+    law : str
+        Name of the law.
+    trajectory : SampledTrajectory
+        The motion, in joints.
+
+    """
+
+    def __init__(self, machine, motion, law, trajectory):
+        self._machine, self._motion, self._law, self._trajectory = machine, motion, law, trajectory
+        self._rows = {}
+
+    def observe(self, joint, gains, error, feedforward, iteration):
+        """
+        Look at a cycle of `joint` with `error` (N,) [m], driven with `feedforward` (N,) [V] in the loop of `gains`.
+
+        With `iteration` 0 learning of the joint begins anew, and what was best before is forgotten.
+        """
+        rms, kept = float(np.sqrt(np.mean(np.square(error)))), self._rows.get(joint)
+        if kept is None or iteration == 0 or rms < kept.error:
+            self._rows[joint] = _Row(rms, gains, np.array(feedforward, dtype=np.float64))
+
+    def learned(self):
+        """
+        Return it as `Learned`, to be saved.
+
+        Raises
+        ------
+        LearningError
+            If of some joint no cycle has been seen.
+
+        """
+        machine = self._machine
+        missing = [joint for joint in machine.joints if joint not in self._rows]
+        if missing:
+            raise LearningError(
+                f'motion {self._motion!r}, law {self._law!r}: nothing has been learned of {missing} yet'
+            )
+        rows = {joint: self._rows[joint] for joint in machine.joints}
+        control = {joint: row.gains for joint, row in rows.items()}
+        law = make_law(self._law, machine, control).with_reference(self._trajectory)
+        parameters = {}
+        if isinstance(law, BasisLaw):
+            parameters = {joint: law.parameters(joint, row.feedforward) for joint, row in rows.items()}
+        origin = origin_of(machine, self._motion, self._law, control, self._trajectory)
+        return Learned(origin, np.stack([row.feedforward for row in rows.values()], axis=1), parameters)

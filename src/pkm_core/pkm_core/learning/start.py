@@ -1,0 +1,46 @@
+"""What a motion begins with when something has been learned before: from a file of `store`."""
+
+import numpy as np
+
+from pkm_core.errors import LearningError
+from pkm_core.learning import make_law
+from pkm_core.learning.store import load, load_parameters, origin_of, read
+
+
+def first_feedforward(path, machine, motion, law, control, trajectory):
+    """
+    Return the feedforward (N, n) [V] of the first cycle of a motion, from the file `path`.
+
+    It is the one learned on this very motion, by whatever law. Under the basis law a file of that law serves every
+    motion: its parameters give the feedforward, with friction at rest as after power-up.
+
+    Parameters
+    ----------
+    path : str or Path
+        File of `store.save`.
+    machine : Machine
+        That is driven.
+    motion : str
+        Name of the motion.
+    law : str
+        Name of the law it is to be driven with, or 'none'.
+    control : dict of str to RobustGains
+        Of all joints.
+    trajectory : SampledTrajectory
+        The motion, in joints.
+
+    Raises
+    ------
+    LearningError
+        If it is no such file, or was learned for another machine, motion, sample time or configuration.
+
+    """
+    origin, learned = origin_of(machine, motion, law, control, trajectory), read(path)
+    if learned.parameters and learned.origin.law == law and learned.origin.reference != origin.reference:
+        parameters = load_parameters(path, origin)
+        bound = make_law(law, machine, control).with_reference(trajectory)
+        return np.stack([bound.feedforward(j, parameters.get(j, {}), rested=True) for j in machine.joints], axis=1)
+    feedforward = load(path, origin)
+    if feedforward.shape != trajectory.position.shape:
+        raise LearningError(f'{path}: feedforward has shape {feedforward.shape}; expected {trajectory.position.shape}')
+    return feedforward
