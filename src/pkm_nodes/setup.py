@@ -6,6 +6,7 @@ NODES = [
     'trajectory_generator',
     'inverse_kinematics',
     'joint_controller',
+    'computed_torque_controller',
     'machine',
     'state_estimator',
     'learning',

@@ -86,6 +86,7 @@ class Recording:
                 coordinates=list(trajectory.coordinates),
                 move_starts=trajectory.move_starts.astype(np.uint32),
                 move_ends=trajectory.move_ends.astype(np.uint32),
+                feedforward=np.zeros(0),
                 **{name: np.ravel(getattr(trajectory, name)) for name in DERIVATIVES},
             )
 

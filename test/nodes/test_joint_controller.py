@@ -1,20 +1,24 @@
 """One joint controller; the test stands in the place of the machine and of the learning service."""
 
 import math
+import re
 from array import array
 
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.exceptions import ParameterException
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
-from pkm_core.errors import ConfigError
+from pkm_core.errors import PkmError
 from pkm_core.metrics import axis_metrics
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
 from pkm_interfaces.srv import UpdateFeedforward
-from pkm_nodes import joint_controller
+from pkm_nodes import axis_learning
+from pkm_nodes.gains import gains_from_msg
 from pkm_nodes.joint_controller import JointControllerNode
 
 UM = 1e-6
@@ -167,8 +171,44 @@ def test_after_a_safe_stop_the_law_starts_afresh(graph, axis):
     axis.sample(2, 0, axis.reference[0] - 50 * UM)
     axis.answer()
     axis.sample(2, 1, axis.reference[0] - 400 * UM, EncoderSample.SAFE_STOP)
+    graph.spin_in_silence()
     axis.load(3)
     assert [command.voltage for command in axis.run(3)] == fresh
+
+
+def test_after_a_reset_of_the_machine_the_law_starts_afresh_also_without_a_fault(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    events = graph.publisher(CycleEvent, 'cycle_events')
+    axis.load(1)
+    fresh = [command.voltage for command in axis.run(1)]
+    axis.load(2)
+    axis.run(2, lambda index: 20 * UM)  # fills the integrator
+    axis.load(3)
+    assert axis.run(3)[0].voltage != fresh[0]
+    events.publish(CycleEvent(event=CycleEvent.RESET, source='machine', cycle=3))
+    graph.spin_in_silence()
+    axis.load(4)
+    assert [command.voltage for command in axis.run(4)] == fresh
+
+
+def test_foreign_trajectory_in_the_midst_of_a_cycle_is_refused_and_the_cycle_goes_on(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    fresh = [command.voltage for command in axis.run(1)]
+    events = graph.publisher(CycleEvent, 'cycle_events')
+    events.publish(CycleEvent(event=CycleEvent.RESET))
+    graph.spin_in_silence()
+    axis.load(2)
+    voltages = []
+    for index, reference in enumerate(axis.reference):
+        axis.sample(2, index, reference)
+        voltages.append(axis.answer().voltage)
+        if index == 7:
+            axis.send(axis.message(9, motion='other'))
+            refused = graph.next_event(CycleEvent.REFUSED, cycle=9)
+            assert 'trajectory of cycle 9: cycle 2 is running' in refused.message
+    assert voltages == fresh
+    axis.load(3)
 
 
 def test_position_that_is_not_finite_is_not_answered_and_the_next_one_is(graph, axis):
@@ -361,12 +401,150 @@ def test_cycle_is_loaded_only_when_learning_has_answered(graph, axis):
 
 
 def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
-    monkeypatch.setattr(joint_controller, 'LEARNING_TIMEOUT', 0.2)
+    monkeypatch.setattr(axis_learning, 'LEARNING_TIMEOUT', 0.2)
     graph.start(JointControllerNode, joint='d3')
     axis.load(1, learning_law='fourier')
     axis.run(1)
     axis.load(2, learning_law='fourier')
     assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
+
+
+def test_divergence_is_noticed_within_two_cycles_and_the_best_feedforward_is_driven_again(graph, axis, learning):
+    graph.start(JointControllerNode, joint='d3')
+    errors = [20 * UM, 4 * UM, 5 * UM, 13 * UM, 40 * UM, 4 * UM]  # from the fourth cycle on learning makes it worse
+    for level in range(1, 6):
+        learning.will_answer([0.1 * level] * SAMPLES)
+    driven = []
+    for cycle, error in enumerate(errors, start=1):
+        axis.load(cycle, learning_law='fourier')
+        driven.append(axis.run(cycle, lambda index, error=error: error)[-1].feedforward)
+    assert driven == [0.0, 0.1, 0.2, 0.30000000000000004, 0.4, 0.1]
+    notice = graph.next_event(CycleEvent.NOTICE)
+    assert (notice.source, notice.cycle) == ('d3', 5)
+    assert notice.message.startswith('learning of d3 diverges: 5.0, 13.0, 40.0 um rms')
+    assert 'back to the feedforward that left 4.0 um' in notice.message
+    graph.spin_until(lambda: len(learning.requests) == 5, 'the request of the sixth cycle')
+    assert [request.iteration for request in learning.requests] == [0, 1, 2, 3, 0]
+
+
+def test_feedforward_that_comes_with_the_trajectory_is_driven_and_learned_from(graph, axis, learning):
+    graph.start(JointControllerNode, joint='d3')
+    learning.will_answer([3.0] * SAMPLES)
+    learning.will_answer([4.0] * SAMPLES)
+    message = axis.message(1, learning_law='fourier')
+    given = np.zeros((SAMPLES, 4))
+    given[:, axis.column] = np.linspace(0, 1, SAMPLES)
+    message.feedforward = array('d', given.tobytes())
+    axis.send(message)
+    graph.next_event(CycleEvent.LOADED, cycle=1)
+    assert feedforward_of(axis.run(1)) == list(given[:, axis.column])
+    axis.load(2, learning_law='fourier')
+    assert feedforward_of(axis.run(2)) == [3.0] * SAMPLES
+    graph.spin_until(lambda: len(learning.requests) == 2, 'two requests')
+    assert list(learning.requests[0].feedforward) == list(given[:, axis.column])
+    assert [request.cycle for request in learning.requests] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ('feedforward', 'text'),
+    [
+        ([0.0] * (SAMPLES * 4 - 1), '159 feedforward values; expected 40 x 4'),
+        ([math.nan] * (SAMPLES * 4), 'not finite'),
+    ],
+)
+def test_feedforward_that_does_not_fit_is_refused(graph, axis, feedforward, text):
+    graph.start(JointControllerNode, joint='d3')
+    message = axis.message(1)
+    message.feedforward = array('d', feedforward)
+    axis.send(message)
+    assert text in graph.next_event(CycleEvent.REFUSED, cycle=1).message
+
+
+def set_gains(graph, **values):
+    """Set parameters of the controller at once and return (successful, reason)."""
+    request = SetParametersAtomically.Request(
+        parameters=[
+            Parameter(name.replace('__', '.'), value=value).to_parameter_msg() for name, value in values.items()
+        ]
+    )
+    result = graph.call(SetParametersAtomically, 'joint_controller/set_parameters_atomically', request).result
+    return result.successful, result.reason
+
+
+def test_gains_are_changed_in_the_midst_of_a_cycle_without_a_jump(graph, axis, law, joint_trajectory):
+    graph.start(JointControllerNode, joint='d3')
+    message = joint_trajectory(1)
+    law.load(
+        *(np.array(getattr(message, n)).reshape(-1, 4)[:, 1] for n in ('position', 'velocity', 'acceleration', 'jerk')),
+        np.zeros(SAMPLES),
+    )
+    other = law.gains.model_copy(update={'kp': 0.8 * law.gains.kp, 'ki': 0.7 * law.gains.ki})
+    axis.load(1)
+    for index, reference in enumerate(axis.reference):
+        if index == 15:
+            assert set_gains(graph, kp=other.kp, ki=other.ki) == (True, '')
+            law.exchange(other)  # of which test_robust.py says that the voltage does not jump
+        axis.sample(1, index, reference - 3 * UM)
+        assert axis.answer().voltage == law.update(index, reference - 3 * UM)[0]
+
+
+@pytest.mark.parametrize(
+    ('values', 'text'),
+    [
+        ({'kp': 60000.0}, r'the loop is unstable: .*; allowed below 1, gain margin -\d+\.\d dB'),
+        ({'kd': 80.0}, r'the loop has gain margin \d\.\d dB, allowed from 6'),
+        ({'kp': 10000.0}, r'the loop has phase margin 2\d\.\d deg, allowed from 30'),
+        ({'kp': 1500.0}, r'the loop has gain reduction \d\.\d dB, allowed from 6'),
+        ({'kp': math.nan}, r'kp: nan given; .*finite'),
+        ({'kp': -1.0}, r'kp: -1.0 given; .*greater than 0'),
+        ({'notch__centre': 1200.0}, r'notch: centre is 1200 Hz; allowed below 1000 Hz'),
+        ({'joint': 'd1'}, r'read-only'),
+        ({'kq': 1.0}, r'undeclared'),
+    ],
+)
+def test_gains_that_leave_too_little_margin_are_refused_before_they_are_applied(graph, axis, values, text):
+    node = graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    fresh = [command.voltage for command in axis.run(1)]
+    before = node.get_parameter('kp').value
+    successful, reason = set_gains(graph, **values)
+    assert not successful
+    assert re.search(text, reason), reason
+    assert node.get_parameter('kp').value == before
+    graph.publisher(CycleEvent, 'cycle_events').publish(CycleEvent(event=CycleEvent.RESET))
+    graph.spin_in_silence()
+    axis.load(2)
+    assert [command.voltage for command in axis.run(2)] == fresh
+
+
+def test_after_a_change_of_gains_learning_begins_anew_from_what_there_is_with_the_new_loop(
+    graph, axis, learning, machine
+):
+    graph.start(JointControllerNode, joint='d3')
+    for answer in (1.0, 2.0, 3.0):
+        learning.will_answer([answer] * SAMPLES)
+    for cycle in (1, 2):
+        axis.load(cycle, learning_law='fourier')
+        axis.run(cycle)
+    graph.spin_until(lambda: len(learning.requests) == 2, 'two requests')
+    softer = 0.9 * load_control(machine)['d3'].kp
+    assert set_gains(graph, kp=softer) == (True, '')
+    axis.load(3, learning_law='fourier')
+    assert axis.run(3)[0].feedforward == 2.0
+    graph.spin_until(lambda: len(learning.requests) == 3, 'the third request')
+    assert [request.iteration for request in learning.requests] == [0, 1, 0]
+    asked_with = [gains_from_msg(request.gains, 'request') for request in learning.requests]
+    configured = load_control(machine)['d3']
+    assert asked_with == [configured, configured, configured.model_copy(update={'kp': softer})]
+
+
+def test_feedforward_of_the_configured_gains_is_refused_by_a_controller_that_has_others(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    assert set_gains(graph, ki=0.0)[0]
+    message = axis.message(1)
+    message.feedforward = array('d', [0.0] * (SAMPLES * 4))
+    axis.send(message)
+    assert 'they have been changed since' in graph.next_event(CycleEvent.REFUSED, cycle=1).message
 
 
 @pytest.mark.parametrize(
@@ -376,10 +554,13 @@ def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
         ({'jiont': 'd3'}, r"/pkm/joint_controller has unknown parameter\(s\) \['jiont'\]; known: .*'joint'"),
         ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown; .*'planar'"),
         ({'control': 'soft'}, r"control: 'soft' is unknown; .*'four_dof'"),
+        ({'control': 'computed_torque'}, r"control 'computed_torque' is for computed_torque; this node is for robust"),
+        ({'kp': 60000.0}, r'joint_controller: the loop is unstable'),
+        ({'least_gain_margin': math.nan}, r'least_gain_margin is nan; expected a positive, finite number'),
     ],
 )
 def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
-    with pytest.raises(ConfigError, match=text):
+    with pytest.raises(PkmError, match=text):
         graph.start(JointControllerNode, **parameters)
 
 

@@ -5,14 +5,22 @@ from array import array
 
 import numpy as np
 import pytest
+from rcl_interfaces.msg import Log
 
 from pkm_core.control.robust import load_control
 from pkm_core.errors import ConfigError
 from pkm_core.learning import make_law
-from pkm_interfaces.srv import UpdateFeedforward
+from pkm_core.learning.store import origin_of, read
+from pkm_core.motions import load_motion, plan
+from pkm_core.trajectory import to_joints
+from pkm_interfaces.msg import RobustGains, SampledTrajectory
+from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
+from pkm_nodes.conversions import trajectory_to_msg
+from pkm_nodes.gains import gains_to_msg
 from pkm_nodes.learning import LearningNode
 
 SAMPLES = 200
+MOTION = 'four_dof_70ms'
 
 
 @pytest.fixture
@@ -36,16 +44,147 @@ def request_of():
     return request
 
 
-@pytest.mark.parametrize('name', ['fourier', 'fourier_pid'])
-def test_answer_is_the_law_of_the_core_bit_for_bit(graph, machine, request_of, name):
+@pytest.fixture(scope='module')
+def trajectory(machine):
+    """Return the joint trajectory of the machine's own motion."""
+    return to_joints(machine, plan(machine, load_motion(MOTION)))
+
+
+class Cycles:
+    """The test in the place of the generator and of the controllers."""
+
+    def __init__(self, graph, trajectory):
+        self._graph, self.trajectory = graph, trajectory
+        self._publisher = graph.publisher(SampledTrajectory, 'joint_trajectory')
+        self._log = graph.listen(Log, '/rosout')
+        self._random = np.random.default_rng(4)
+
+    def send(self, cycle, law, trajectory=None, motion=MOTION):
+        trajectory = trajectory or self.trajectory
+        self._publisher.publish(trajectory_to_msg(trajectory, cycle=cycle, motion=motion, learning_law=law))
+
+    def verdict(self):
+        """Wait for the verdict of a law in the log and return it."""
+        self._graph.spin_until(lambda: [m for m in self._log if 'converges' in m.msg], 'the verdict of the law')
+        return next(m.msg for m in self._log if 'converges' in m.msg)
+
+    def request(self, joint, cycle, law, **changed):
+        samples = len(self.trajectory)
+        error = 1e-5 * np.convolve(self._random.normal(size=samples), np.hanning(40), 'same')
+        valid = {
+            **{'joint': joint, 'law': law, 'motion': MOTION, 'cycle': cycle, 'iteration': 0, 'sample_time': 5e-4},
+            **{'error': array('d', error), 'feedforward': array('d', self._random.normal(size=samples))},
+        }
+        return UpdateFeedforward.Request(**valid | changed)
+
+    def learn(self, joint, cycle, law, **changed):
+        """Return a request, and the feedforward that came for it."""
+        request = self.request(joint, cycle, law, **changed)
+        response = self._graph.call(UpdateFeedforward, 'learning/update', request)
+        assert response.success, response.message
+        return request, np.array(response.feedforward)
+
+
+@pytest.fixture
+def cycles(graph, trajectory):
+    return Cycles(graph, trajectory)
+
+
+def expected(law, request):
+    error, feedforward = np.array(request.error), np.array(request.feedforward)
+    return law.update(request.joint, error, feedforward, request.iteration, request.sample_time)
+
+
+@pytest.mark.parametrize('name', ['fourier', 'fourier_pid', 'inverse', 'norm_optimal', 'basis'])
+def test_answer_is_the_law_of_the_core_bit_for_bit_and_its_verdict_came_before(graph, machine, cycles, name):
     graph.start(LearningNode)
-    request = request_of(law=name)
-    response = graph.call(UpdateFeedforward, 'learning/update', request)
     law = make_law(name, machine, load_control(machine))
-    expected = law.update('d5', np.array(request.error), np.array(request.feedforward), 2, 5e-4)
+    cycles.send(1, name)
+    assert cycles.verdict() == law.verdict
+    request, answer = cycles.learn('d5', 1, name)
+    assert np.array_equal(answer, expected(law.with_reference(cycles.trajectory), request))
+
+
+def test_reference_is_that_of_the_cycle_also_when_the_next_motion_has_come(graph, machine, cycles, short_motion):
+    graph.start(LearningNode)
+    cycles.send(1, 'basis')
+    cycles.send(2, 'basis', to_joints(machine, short_motion), motion='short')
+    cycles.send(3, 'none', to_joints(machine, short_motion), motion='short')
+    graph.spin_in_silence()
+    request, answer = cycles.learn('d1', 1, 'basis')
+    law = make_law('basis', machine, load_control(machine)).with_reference(cycles.trajectory)
+    assert np.array_equal(answer, expected(law, request))
+
+
+def test_law_that_needs_a_reference_is_refused_for_a_cycle_nobody_has_announced(graph, cycles):
+    graph.start(LearningNode)
+    response = graph.call(UpdateFeedforward, 'learning/update', cycles.request('d1', 8, 'basis'))
+    assert not response.success
+    assert 'learning d1: the basis law needs the reference' in response.message
+
+
+def test_loop_with_other_gains_is_learned_with_the_law_for_these(graph, machine, cycles):
+    graph.start(LearningNode)
+    configured = load_control(machine)['d3']
+    softer = configured.model_copy(update={'kp': 0.9 * configured.kp})
+    cycles.send(1, 'inverse')
+    cycles.verdict()
+    for gains in (configured, softer):
+        request, answer = cycles.learn('d3', 1, 'inverse', gains=gains_to_msg(gains))
+        law = make_law('inverse', machine, {'d3': gains})
+        assert np.array_equal(answer, expected(law, request))
+
+
+def test_law_that_would_diverge_with_changed_gains_is_refused(graph, machine, cycles):
+    graph.start(LearningNode)
+    weak = load_control(machine)['d3'].model_copy(update={'kp': 2000.0, 'kd': 12.0, 'ki': 40000.0})
+    cycles.send(1, 'fourier_pid')
+    cycles.verdict()
+    request = cycles.request('d3', 1, 'fourier_pid', gains=gains_to_msg(weak))
+    response = graph.call(UpdateFeedforward, 'learning/update', request)
+    assert not response.success
+    assert "learning law 'fourier_pid' would diverge" in response.message
+
+
+def test_best_of_what_was_learned_is_saved_with_what_it_belongs_to(graph, machine, cycles, tmp_path):
+    graph.start(LearningNode)
+    cycles.send(1, 'basis')
+    cycles.verdict()
+    driven = {}
+    for joint in machine.joints:
+        for iteration, error in enumerate((3e-6, 1e-6, 2e-6)):
+            request, _ = cycles.learn(
+                joint, 1, 'basis', iteration=iteration, error=array('d', [error] * len(cycles.trajectory))
+            )
+            if error == 1e-6:
+                driven[joint] = np.array(request.feedforward)
+    path = tmp_path / 'learned.npz'
+    response = graph.call(SaveLearned, 'learning/save', SaveLearned.Request(path=str(path)))
     assert response.success, response.message
-    assert response.message == ''
-    assert np.array_equal(np.array(response.feedforward), expected)
+    learned = read(path)
+    assert learned.origin == origin_of(machine, MOTION, 'basis', load_control(machine), cycles.trajectory)
+    assert np.array_equal(learned.feedforward, np.stack(list(driven.values()), axis=1))
+    law = make_law('basis', machine, load_control(machine)).with_reference(cycles.trajectory)
+    assert learned.parameters == {joint: law.parameters(joint, row) for joint, row in driven.items()}
+
+
+def test_saving_is_refused_before_all_joints_have_learned_and_where_nothing_can_be_written(graph, machine, cycles):
+    graph.start(LearningNode)
+
+    def refusal(path='/tmp/never.npz'):
+        response = graph.call(SaveLearned, 'learning/save', SaveLearned.Request(path=path))
+        assert not response.success
+        return response.message
+
+    assert refusal() == 'nothing has been learned yet'
+    cycles.send(1, 'fourier')
+    cycles.verdict()
+    for joint in ('d1', 'd5'):
+        cycles.learn(joint, 1, 'fourier')
+    assert "nothing has been learned of ['d3', 'd7'] yet" in refusal()
+    for joint in ('d3', 'd7'):
+        cycles.learn(joint, 1, 'fourier')
+    assert '/proc/learned.npz: cannot be written' in refusal('/proc/learned.npz')
 
 
 def test_service_keeps_no_state(graph, request_of):
@@ -76,6 +215,10 @@ def spoiled(values, index, value):
         (
             {'feedforward': spoiled([0.0] * SAMPLES, 3, -math.inf)},
             'learning d5: feedforward is -inf at sample 3; expected a finite one',
+        ),
+        (
+            {'gains': RobustGains(kp=4e3, ki=-1.0, lag_pole=600.0, lag_zero=700.0, lag_dc_gain=1.0)},
+            'learning d5: gains: ki: -1.0 given; input should be greater than or equal to 0',
         ),
         ({'sample_time': 1e-3}, 'learning d5: sample time is 0.001 s; expected 0.0005 s'),
         ({'sample_time': math.nan}, 'learning d5: sample time is nan s; expected 0.0005 s'),

@@ -1,6 +1,7 @@
 """Node trajectory_generator: goals of execute_motion; the test stands in the place of the client and of the machine."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -8,12 +9,17 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from std_msgs.msg import UInt32
 
+from pkm_core.config import find_config
+from pkm_core.control.robust import load_control
 from pkm_core.errors import ConfigError
+from pkm_core.learning import make_law
+from pkm_core.learning.store import Learned, origin_of, read, save
 from pkm_core.machines import load_machine
 from pkm_core.motions import load_motion, plan
-from pkm_core.trajectory import DERIVATIVES
+from pkm_core.trajectory import DERIVATIVES, to_joints
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, PlatformPose, SampledTrajectory
+from pkm_nodes.conversions import trajectory_from_msg
 from pkm_nodes.node import LAST_VALUE_QOS
 from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
 
@@ -172,7 +178,7 @@ def test_trajectory_is_sent_again_until_the_machine_starts(graph, client, cell):
         ({'motion': 'planar_80ms'}, 'motion is for planar; the machine is four_dof'),
         ({'motion': MOTION, 'cycles': 0}, 'goal: cycles is 0; expected at least 1'),
         ({'motion': MOTION, 'learning_law': 'magic'}, "learning law 'magic' is unknown; known: ['none', 'basis'"),
-        ({'motion': MOTION, 'controller': 'pid'}, "goal: controller 'pid'; known: ['robust']"),
+        ({'motion': MOTION, 'controller': 'pid'}, "goal: controller 'pid'; this cell has been started with 'robust'"),
         ({'motion': MOTION, 'poses': [NEAR_HOME]}, "motion 'four_dof_70ms', 1 poses and experiment ''; give one"),
         ({'motion': MOTION, 'move_time': math.nan}, 'goal: move_time is nan s'),
         ({'motion': MOTION, 'move_time': 0.1}, 'goal: move_time is 0.1 s'),
@@ -185,6 +191,12 @@ def test_trajectory_is_sent_again_until_the_machine_starts(graph, client, cell):
         ({'poses': [NEAR_HOME], 'move_time': -0.07}, 'move time is -0.07 s; expected a positive number'),
         ({'poses': [NEAR_HOME], 'move_time': math.nan}, 'move time is nan s; expected a positive number'),
         ({'poses': [NEAR_HOME], 'move_time': math.inf}, 'move time is inf s; expected a positive number'),
+        (
+            {'poses': [NEAR_HOME], 'move_time': 1e6},
+            'move time is 1e+06 s; with their rests the 2 moves of a cycle take 2e+06 s, allowed 20 s',
+        ),
+        ({'poses': [NEAR_HOME] * 200}, 'the 201 moves of a cycle take 34.17 s, allowed 20 s'),
+        ({'motion': MOTION, 'learned': '/tmp/nowhere.npz'}, '/tmp/nowhere.npz: cannot be read'),
     ],
 )
 def test_goal_that_cannot_be_run_is_refused_and_the_next_one_runs(graph, client, cell, goal, text):
@@ -195,6 +207,91 @@ def test_goal_that_cannot_be_run_is_refused_and_the_next_one_runs(graph, client,
     assert text in result.message
     assert not cell.trajectories
     goal = client.send(motion=MOTION)
+    cell.run(1)
+    assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
+
+
+@pytest.fixture
+def learned(machine, tmp_path):
+    """Return the path of a feedforward learned on MOTION, and that feedforward (N, n)."""
+    trajectory = to_joints(machine, plan(machine, load_motion(MOTION)))
+    feedforward = np.random.default_rng(2).normal(size=trajectory.position.shape)
+    origin = origin_of(machine, MOTION, 'inverse', load_control(machine), trajectory)
+    save(tmp_path / 'learned.npz', Learned(origin, feedforward, {}))
+    return tmp_path / 'learned.npz', feedforward
+
+
+@pytest.mark.parametrize('law', ['none', 'fourier'])
+def test_learned_feedforward_comes_with_the_trajectory_of_the_first_cycle(graph, client, cell, learned, law):
+    path, feedforward = learned
+    graph.start(TrajectoryGeneratorNode)
+    goal = client.send(motion=MOTION, cycles=2, learning_law=law, learned=str(path))
+    first, second = (cell.run(cycle) for cycle in (1, 2))
+    assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
+    assert np.array_equal(first.feedforward, feedforward.ravel())
+    assert len(second.feedforward) == 0
+
+
+def test_learned_feedforward_of_another_motion_is_refused(graph, client, cell, learned):
+    path, _ = learned
+    graph.start(TrajectoryGeneratorNode)
+    status, result = client.result(client.send(poses=[NEAR_HOME], learned=str(path)))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert f"{path}: was learned for another motion '{MOTION}', here 'poses'; reference" in result.message
+    assert not cell.trajectories
+
+
+def test_learned_feedforward_of_other_gains_is_refused(graph, client, cell, learned):
+    path, _ = learned
+    graph.start(TrajectoryGeneratorNode, control='four_dof_thesis')
+    status, result = client.result(client.send(motion=MOTION, learned=str(path)))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert f'{path}: was learned for another config' in result.message
+    assert not cell.trajectories
+
+
+def test_feedforward_of_the_wrong_length_is_refused(graph, client, cell, machine, learned):
+    path, feedforward = learned
+    save(path, Learned(read(path).origin, feedforward[:-1], {}))
+    graph.start(TrajectoryGeneratorNode)
+    status, result = client.result(client.send(motion=MOTION, learned=str(path)))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert 'feedforward has shape (679, 4); expected (680, 4)' in result.message
+
+
+def test_basis_parameters_give_the_first_feedforward_of_another_motion(graph, client, cell, machine, learned):
+    path, feedforward = learned
+    graph.start(TrajectoryGeneratorNode)
+    control, trajectory = load_control(machine), to_joints(machine, plan(machine, load_motion(MOTION)))
+    law = make_law('basis', machine, control)
+    bound = law.with_reference(trajectory)
+    parameters = {joint: bound.parameters(joint, column) for joint, column in zip(JOINTS, feedforward.T, strict=True)}
+    save(path, Learned(origin_of(machine, MOTION, 'basis', control, trajectory), feedforward, parameters))
+    goal = client.send(poses=[NEAR_HOME], learning_law='basis', learned=str(path))
+    message = cell.run(1)
+    assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
+    poses = trajectory_from_msg(message, coordinates=machine.coordinates, sample_time=machine.sample_time)
+    there = law.with_reference(to_joints(machine, poses))
+    expected = [there.feedforward(joint, parameters[joint], rested=True) for joint in JOINTS]
+    assert np.array_equal(np.reshape(message.feedforward, (-1, 4)), np.stack(expected, axis=1))
+
+
+def test_law_that_would_diverge_is_refused_before_anything_moves(graph, client, cell, tmp_path):
+    text = find_config('learning', 'inverse').read_text()
+    (tmp_path / 'wide.yaml').write_text(text.replace('fall_to: 208 Hz', 'fall_to: 300 Hz').replace('160 Hz', '260 Hz'))
+    graph.start(TrajectoryGeneratorNode)
+    status, result = client.result(client.send(motion=MOTION, learning_law=str(tmp_path / 'wide.yaml')))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert re.search(r"wide.yaml' would diverge: the error of d\d at .* Hz becomes \d\.\d+ times", result.message)
+    assert not cell.trajectories
+
+
+def test_cell_with_computed_torque_takes_goals_that_learn_nothing_and_refuses_others(graph, client, cell):
+    graph.start(TrajectoryGeneratorNode, control='computed_torque')
+    status, result = client.result(client.send(motion=MOTION, learning_law='fourier'))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert 'd1 has TorqueGains; only robust control learns' in result.message
+    goal = client.send(motion=MOTION, controller='computed_torque')
     cell.run(1)
     assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
 
@@ -269,6 +366,9 @@ def test_generator_that_comes_up_late_goes_on_after_the_last_cycle_of_the_machin
     ('parameters', 'text'),
     [
         ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown"),
+        ({'control': 'soft'}, r"control 'soft' is none of \['robust', 'computed_torque'\]; .*'four_dof_thesis'"),
+        ({'start_timeout': math.nan}, r'/pkm/trajectory_generator: start_timeout is nan; expected a positive, finite'),
+        ({'metrics_timeout': -1.0}, r'/pkm/trajectory_generator: metrics_timeout is -1.0; expected a positive, finite'),
         ({'timeout': 1.0}, r"trajectory_generator has unknown parameter\(s\) \['timeout'\]; known: .*'start_timeout'"),
     ],
 )

@@ -10,8 +10,11 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from pkm_core.control.controllers import choose_control
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
+from pkm_core.learning.start import first_feedforward
+from pkm_core.learning.store import read
 from pkm_core.machines import load_machine
 from pkm_core.message_types import typestore
 from pkm_core.motions import load_motion, plan
@@ -33,6 +36,7 @@ def runs(tmp_path_factory, module_processes):
         done = module_processes.run(
             *(PKM, 'run', '--cycles', 2, '--law', 'fourier_pid', '--seed', 7),
             *('--arrangement', arrangement, '--out', folder, '--json', folder / 'copy.json'),
+            *('--save-learned', folder / 'learned.npz'),
         )
         assert done.returncode == 0, done.stdout + done.stderr
         folders[arrangement] = (folder, done.stdout)
@@ -58,6 +62,78 @@ def test_graph_gives_the_bits_of_the_simulation_without_ros(runs, simulated, arr
         assert np.array_equal(record.counts, simulated.counts[number])
         assert np.array_equal(record.voltage, simulated.voltage[number])
         assert np.array_equal(record.error, simulated.error[number])
+
+
+# every law and both kinds of control, every machine, both arrangements; three cycles are two updates
+@pytest.mark.parametrize(
+    ('machine', 'options', 'arrangement', 'cycles'),
+    [
+        ('planar', {'control': 'planar_thesis', 'law': 'fourier'}, 'composed', 3),
+        ('xy_stage', {'law': 'inverse'}, 'composed', 3),
+        ('planar', {'law': 'norm_optimal', 'motion': 'planar_limits'}, 'processes', 3),
+        ('four_dof', {'law': 'basis'}, 'composed', 3),
+        ('planar', {'control': 'computed_torque'}, 'composed', 3),
+        ('four_dof', {'control': 'computed_torque'}, 'processes', 2),
+        ('xy_stage', {'law': 'none'}, 'composed', 30),
+    ],
+)
+def test_every_law_and_control_gives_the_bits_of_the_simulation(
+    processes, tmp_path, machine, options, arrangement, cycles
+):
+    options = {'control': 'robust', 'law': 'none'} | options
+    words = [word for name, value in options.items() for word in (f'--{name}', value)]
+    done = processes.run(
+        *(PKM, 'run', '--machine', machine, '--cycles', cycles, '--seed', 3, '--arrangement', arrangement),
+        *(*words, '--out', tmp_path / 'out'),
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert_bits_of_simulation(tmp_path / 'out')
+
+
+def assert_bits_of_simulation(folder):
+    """Compare every tick that `pkm run` has recorded with the same cycles without ROS."""
+    results = json.loads((folder / 'results.json').read_text())
+    machine, name, motion = load_machine(results['machine']), results['law'], results['motion']
+    trajectory = to_joints(machine, plan(machine, load_motion(motion)))
+    control = choose_control(machine, results['control'])
+    start = None
+    if results['learned']:
+        start = first_feedforward(results['learned'], machine, motion, name, control, trajectory)
+    law = None if name == 'none' else make_law(name, machine, control)
+    records = cycles_of(folder)
+    expected = run_cycles(machine, trajectory, control, law, len(records), results['seed'], start=start)
+    for number, record in enumerate(records):
+        for kind in ('counts', 'voltage', 'error', 'feedforward'):
+            assert np.array_equal(getattr(record, kind), getattr(expected, kind)[number]), (kind, number)
+    assert results['notices'] == list(expected.notices)
+
+
+def test_saved_feedforward_is_the_best_that_was_driven(runs, simulated):
+    files = [read(folder / 'learned.npz') for folder, _ in runs.values()]
+    rms = np.sqrt(np.mean(np.square(simulated.error), axis=1))
+    for axis, best in enumerate(rms.argmin(axis=0)):
+        for learned in files:
+            assert np.array_equal(learned.feedforward[:, axis], simulated.feedforward[best, :, axis])
+    assert files[0].origin == files[1].origin
+
+
+def test_run_begins_with_what_another_one_has_saved(processes, runs, tmp_path):
+    learned = runs['processes'][0] / 'learned.npz'
+    done = processes.run(
+        *(PKM, 'run', '--cycles', 2, '--law', 'fourier_pid', '--learned', learned, '--out', tmp_path / 'out'),
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert_bits_of_simulation(tmp_path / 'out')
+    first = cycles_of(tmp_path / 'out')[0]
+    assert max(axis.max_dynamic_error for axis in first.metrics()) < 20e-6
+
+
+def test_learned_feedforward_of_another_machine_is_refused_in_one_line(processes, runs):
+    learned = runs['composed'][0] / 'learned.npz'
+    done = processes.run(PKM, 'run', '--machine', 'planar', '--cycles', 1, '--learned', learned)
+    assert done.returncode == 1
+    assert "learned.npz: was learned for another machine 'four_dof', here 'planar'; motion" in done.stderr
+    assert 'Traceback' not in done.stderr
 
 
 def test_two_seeds_give_different_encoder_sequences(simulated):
@@ -137,7 +213,10 @@ def test_bags_are_read_by_rosbags_and_by_mcap_without_this_project(runs):
     [
         (['--machine', 'hexapod'], "machines: 'hexapod' is unknown"),
         (['--motion', 'planar_80ms'], 'planar'),
-        (['--law', 'magic'], "'magic' is unknown; known: ['none', 'fourier'"),
+        (['--control', 'soft'], "control 'soft' is none of ['robust', 'computed_torque']"),
+        (['--control', 'computed_torque', '--law', 'basis'], "'basis' given; --control computed_torque learns nothing"),
+        (['--law', 'none', '--save-learned', 'x.npz'], '--save-learned: --law none learns nothing'),
+        (['--law', 'magic'], "'magic' is unknown; known: ['none', 'basis'"),
         (['--environment', 'moon'], 'moon'),
         (['--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),
     ],

@@ -138,10 +138,14 @@ def _explain(error, model, data):
     return f'{key}: {_lookup(data, location)!r} given; {error["msg"][0].lower()}{error["msg"][1:]} (SI)'
 
 
-def parse_config(data, model: type[Config], *, where: str) -> Any:
-    """Return `model` built from the mapping `data` of a file; errors begin with `where`."""
+def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -> Any:
+    """
+    Return `model` built from the mapping `data` of a file; errors begin with `where`.
+
+    With `context` None the mapping is one of SI numbers, from a program.
+    """
     try:
-        return model.model_validate(data, context=_FROM_FILE)
+        return model.model_validate(data, context=context)
     except ValidationError as error:
         reasons = [_explain(item, model, data) for item in error.errors()]
         raise ConfigError('\n'.join(f'{where}: {reason}' for reason in reasons)) from None

@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 from pkm_core.config import find_config, hash_files
+from pkm_core.control.controllers import find_control
 from pkm_core.machines import load_machine
 
 
@@ -21,8 +22,9 @@ def git_revision():
 
 
 @cache
-def config_hash(machine, motion, law):
-    """Return the hash of the files that `machine`, `motion` ('' for none) and learning `law` ('none') rest on."""
-    name = load_machine(machine).name
-    kinds = [('machines', machine), ('motions', motion), ('control', name), ('model', name), ('learning', law)]
-    return hash_files([find_config(kind, each) for kind, each in kinds if each not in ('', 'none')])
+def config_hash(machine, motion, law, control='robust'):
+    """Return the hash of the files that `machine`, `motion` ('' for none), learning `law` and `control` rest on."""
+    model = load_machine(machine)
+    kinds = [('machines', machine), ('motions', motion), ('model', model.name), ('learning', law)]
+    files = [find_config(kind, each) for kind, each in kinds if each not in ('', 'none')]
+    return hash_files([*files, find_control(model, control)[1]])

@@ -16,6 +16,9 @@ ARGUMENTS = [
         'machine', default_value='four_dof', description='machine of config/machines, or a YAML file'
     ),
     DeclareLaunchArgument(
+        'control', default_value='robust', description="'robust', 'computed_torque', a file of config, or a YAML file"
+    ),
+    DeclareLaunchArgument(
         'arrangement',
         default_value='composed',
         choices=['composed', 'processes'],
@@ -32,6 +35,7 @@ def _nodes(context):
     value = {argument.name: LaunchConfiguration(argument.name).perform(context) for argument in ARGUMENTS}
     settings = {
         'machine': value['machine'],
+        'control': value['control'],
         'seed': int(value['seed']),
         'environment': value['environment'],
         'folder': value['folder'],

@@ -4,6 +4,7 @@ import sys
 
 from rclpy.parameter import Parameter
 
+from pkm_nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.graph import ENVIRONMENTS, cell_nodes
 from pkm_nodes.identification import IdentificationNode
 from pkm_nodes.inverse_kinematics import InverseKinematicsNode
@@ -20,6 +21,7 @@ NODES = {
     'trajectory_generator': TrajectoryGeneratorNode,
     'inverse_kinematics': InverseKinematicsNode,
     'joint_controller': JointControllerNode,
+    'computed_torque_controller': ComputedTorqueControllerNode,
     'state_estimator': StateEstimatorNode,
     'learning': LearningNode,
     'identification': IdentificationNode,
@@ -34,6 +36,7 @@ class CellNode(PkmNode):
         super().__init__('cell', **kwargs)
         self.specs = cell_nodes(
             self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'),
+            control=self.setting('control', 'robust', "'robust', 'computed_torque', a file of config, or a YAML file"),
             seed=self.setting('seed', 1, 'seed of everything random in the machine'),
             environment=self.setting('environment', 'nominal', ENVIRONMENTS),
             folder=self.setting('folder', 'bags', "folder of the recorder's bags"),

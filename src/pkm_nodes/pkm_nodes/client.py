@@ -13,6 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from pkm_core.errors import PkmError
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent
+from pkm_interfaces.srv import SaveLearned
 from pkm_nodes.events import subscribe_events
 from pkm_nodes.graph import NAMESPACE
 from pkm_nodes.node import PkmNode
@@ -34,6 +35,7 @@ class CycleLog:
     seconds: float = 0.0  # wall time from the first tick of the first to the last tick of the last cycle
     bags: list[Path] = field(default_factory=list)
     unrecorded: list[str] = field(default_factory=list)  # why a cycle has no bag
+    notices: list[str] = field(default_factory=list)  # what the cell has changed by itself, with the cycle
 
 
 class CellClient:
@@ -72,6 +74,8 @@ class CellClient:
             self._log.bags.append(Path(event.message))
         elif event.event == CycleEvent.NOT_RECORDED:
             self._log.unrecorded.append(f'cycle {event.cycle} is not recorded: {event.message}')
+        elif event.event == CycleEvent.NOTICE:
+            self._log.notices.append(f'cycle {event.cycle}: {event.message}')
 
     def _spin_until(self, condition, check, timeout, what):
         """Serve ROS until `condition()`; `check()` may raise at any time."""
@@ -92,11 +96,12 @@ class CellClient:
                 f'{machines} machines run in {namespace}; stop the other cell, or give this one another namespace'
             )
 
-    def execute(self, motion, cycles, law, check, on_feedback, *, record=True):
+    def execute(self, motion, cycles, law, check, on_feedback, *, learned='', record=True):
         """
         Run `motion` and return the `CycleLog` once the last bag is closed, if there is a recorder to `record` it.
 
         A cycle that cannot be recorded ends the goal: nobody wants to wait for hundreds more.
+        `learned` names a file of learned feedforward to begin with.
 
         Raises
         ------
@@ -104,7 +109,7 @@ class CellClient:
             If the goal ends early; the text is the cell's own.
 
         """
-        goal = ExecuteMotion.Goal(motion=str(motion), cycles=cycles, controller='robust', learning_law=law)
+        goal = ExecuteMotion.Goal(motion=str(motion), cycles=cycles, learning_law=law, learned=str(learned))
         sent = self._client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
         self._spin_until(sent.done, check, _UP_TIMEOUT, 'the cell did not answer the goal')
         result = sent.result().get_result_async()
@@ -130,3 +135,12 @@ class CellClient:
         if self._log.unrecorded:
             raise PkmError(self._log.unrecorded[0])
         return self._log
+
+    def save_learned(self, path, check):
+        """Have the cell save the best of what it has learned last; `PkmError` if it refuses."""
+        client = self._node.create_client(SaveLearned, 'learning/save')
+        answer = client.call_async(SaveLearned.Request(path=str(path)))
+        self._spin_until(answer.done, check, _UP_TIMEOUT, f'{client.srv_name} did not answer')
+        self._node.destroy_client(client)
+        if not answer.result().success:
+            raise PkmError(answer.result().message)

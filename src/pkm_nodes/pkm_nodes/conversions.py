@@ -25,8 +25,8 @@ def nanoseconds_of_tick(tick, sample_time):
     return tick * round(sample_time * 1e9)
 
 
-def trajectory_to_msg(trajectory, *, cycle, motion, learning_law):
-    """Return `trajectory` as a message for `cycle`."""
+def trajectory_to_msg(trajectory, *, cycle, motion, learning_law, feedforward=None):
+    """Return `trajectory` as a message for `cycle`; `feedforward` (N, joints) [V] is what it begins with."""
     message = SampledTrajectoryMessage(
         cycle=cycle,
         motion=motion,
@@ -38,7 +38,29 @@ def trajectory_to_msg(trajectory, *, cycle, motion, learning_law):
     )
     for name in DERIVATIVES:
         setattr(message, name, _doubles(getattr(trajectory, name)))
+    if feedforward is not None:
+        message.feedforward = _doubles(feedforward)
     return message
+
+
+def feedforward_from_msg(message, shape):
+    """
+    Return the learned feedforward `shape` (N, joints) [V] a trajectory message begins with, or None.
+
+    Raises
+    ------
+    TrajectoryError
+        If it has another length, or a value is not finite.
+
+    """
+    if not message.feedforward:
+        return None
+    where, feedforward = f'trajectory of cycle {message.cycle}', np.array(message.feedforward)
+    if feedforward.size != shape[0] * shape[1]:
+        raise TrajectoryError(f'{where}: {feedforward.size} feedforward values; expected {shape[0]} x {shape[1]}')
+    if not np.isfinite(feedforward).all():
+        raise TrajectoryError(f'{where}: a feedforward value is not finite')
+    return feedforward.reshape(shape)
 
 
 def trajectory_from_msg(message, *, coordinates, sample_time):

@@ -3,7 +3,8 @@
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.node import CYCLE_QOS
 
-NAMES = ('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP', 'NOT_RECORDED')
+_NAMES = ('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP', 'NOT_RECORDED', 'NOTICE')
+NAMES = {getattr(CycleEvent, name): name for name in _NAMES}
 
 
 class CycleEvents:

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pkm_core.control.controllers import find_control
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 
@@ -47,30 +48,40 @@ def _yaml(value):
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def cell_nodes(machine, *, seed=1, environment='nominal', folder='', record=True):
+def controller_nodes(machine, control):
+    """Return the `NodeSpec`s of what answers the encoders of `machine` (name or file) under a choice of `control`."""
+    parameters, model = {'machine': str(machine), 'control': str(control)}, load_machine(machine)
+    if find_control(model, control)[0] == 'computed_torque':
+        return [NodeSpec('computed_torque_controller', 'computed_torque_controller', parameters)]
+    return [
+        NodeSpec('joint_controller', f'joint_controller_{joint}', {**parameters, 'joint': joint})
+        for joint in model.joints
+    ]
+
+
+def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', folder='', record=True):
     """
     Return the `NodeSpec`s of a whole cell around `machine` (name or file).
 
-    `seed` and `environment` go to the simulated machine, `folder` takes the recorder's bags, and a folder `identified`
-    beside it models and pictures; without `record` there is no recorder and the machine does not wait for one.
+    `control` chooses the controllers, see `find_control`; `seed` and `environment` go to the simulated machine,
+    `folder` takes the recorder's bags, and a folder `identified` beside it models and pictures; without `record` there
+    is no recorder and the machine does not wait for one.
     """
     on_machine = {'machine': str(machine)}
+    on_control = {**on_machine, 'control': str(control)}
     nodes = [
         NodeSpec(
             'machine',
             'machine',
             {**on_machine, 'seed': seed, 'environment': environment, 'wait_for_recorder': record},
         ),
-        NodeSpec('trajectory_generator', 'trajectory_generator', on_machine),
+        NodeSpec('trajectory_generator', 'trajectory_generator', on_control),
         NodeSpec('inverse_kinematics', 'inverse_kinematics', on_machine),
-        *(
-            NodeSpec('joint_controller', f'joint_controller_{joint}', {**on_machine, 'joint': joint})
-            for joint in load_machine(machine).joints
-        ),
+        *controller_nodes(machine, control),
         NodeSpec('state_estimator', 'state_estimator', on_machine),
-        NodeSpec('learning', 'learning', on_machine),
-        NodeSpec('identification', 'identification', {**on_machine, 'folder': str(Path(folder).parent / 'identified')}),
+        NodeSpec('learning', 'learning', on_control),
+        NodeSpec('identification', 'identification', {**on_control, 'folder': str(Path(folder).parent / 'identified')}),
     ]
     if record:
-        nodes.append(NodeSpec('recorder', 'recorder', {**on_machine, 'folder': str(folder)}))
+        nodes.append(NodeSpec('recorder', 'recorder', {**on_control, 'folder': str(folder)}))
     return nodes

@@ -21,9 +21,9 @@ from rclpy.task import Future
 
 from pkm_core.commissioning.fits import fit_bags, typical_coherence, write_results
 from pkm_core.commissioning.plan import Request, plan
+from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.control.executors import search_executor
 from pkm_core.control.model import load_model
-from pkm_core.control.robust import load_control
 from pkm_core.errors import PkmError
 from pkm_core.identification import IdentificationError
 from pkm_core.machines import load_machine
@@ -44,7 +44,7 @@ class IdentificationNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('identification', **kwargs)
         self._name = self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
-        self._control = self.setting('control', '', "gains: file of config/control or a YAML file; '' the machine's")
+        self._control = self.setting('control', 'robust', 'of the controllers, as they are started')
         self._folder = Path(self.setting('folder', 'identified', 'folder that takes models and pictures'))
         self.check_settings()
         self._machine = load_machine(self._name)
@@ -92,7 +92,11 @@ class IdentificationNode(PkmNode):
         request = Request(
             tuple(goal.joints), goal.kind, goal.positions, tuple(goal.band.tolist()), goal.voltage, goal.jog_speed
         )
-        models, control = load_model(machine), load_control(machine, self._control or None)
+        models, control = load_model(machine), choose_control(machine, self._control)
+        if kind_of(control) != 'robust':
+            raise IdentificationError(
+                f'control {self._control!r}: expected one whose controllers take an excitation, robust'
+            )
         plans = plan(machine, request, models, control)
         unknown = [joint for joint in plans if not request.moves and joint not in self._slow_moves]
         if unknown:

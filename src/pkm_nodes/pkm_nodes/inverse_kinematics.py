@@ -7,7 +7,7 @@ from pkm_core.machines import load_machine
 from pkm_core.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
-from pkm_nodes.conversions import IDENTIFY, trajectory_from_msg, trajectory_to_msg
+from pkm_nodes.conversions import IDENTIFY, feedforward_from_msg, trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.events import CycleEvents
 from pkm_nodes.node import CYCLE_QOS, PkmNode, run
 
@@ -30,12 +30,19 @@ class InverseKinematicsNode(PkmNode):
         try:
             poses = trajectory_from_msg(message, coordinates=machine.coordinates, sample_time=machine.sample_time)
             joints = to_joints(machine, poses)
+            feedforward = feedforward_from_msg(message, joints.position.shape)
         except PkmError as error:
             self.get_logger().error(f'pose_trajectory refused: {error}')
             self._events.publish(CycleEvent.REFUSED, message.cycle, message=str(error))
             return
         self._publisher.publish(
-            trajectory_to_msg(joints, cycle=message.cycle, motion=message.motion, learning_law=message.learning_law)
+            trajectory_to_msg(
+                joints,
+                cycle=message.cycle,
+                motion=message.motion,
+                learning_law=message.learning_law,
+                feedforward=feedforward,
+            )
         )
 
 

@@ -1,4 +1,8 @@
-"""Node `learning`: the service learning/update; the error of one cycle in, the feedforward of the next one out."""
+"""
+Node `learning`: the service learning/update; the error of one cycle in, the feedforward of the next one out.
+
+Beside it the service learning/save, which keeps the best of what passes here in a file.
+"""
 
 import sys
 from array import array
@@ -6,41 +10,113 @@ from functools import cache
 
 import numpy as np
 
-from pkm_core.control.robust import load_control
-from pkm_core.errors import PkmError
+from pkm_core.control.controllers import choose_control
+from pkm_core.errors import LearningError, PkmError
 from pkm_core.learning import make_law
+from pkm_core.learning.best import Best
+from pkm_core.learning.store import save
 from pkm_core.machines import load_machine
-from pkm_interfaces.srv import UpdateFeedforward
-from pkm_nodes.node import PkmNode, run
+from pkm_interfaces.msg import SampledTrajectory
+from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
+from pkm_nodes.conversions import IDENTIFY, trajectory_from_msg
+from pkm_nodes.gains import gains_from_msg
+from pkm_nodes.node import CYCLE_QOS, PkmNode, run
+
+# the last few cycles may still be asked about when trajectories of later ones have come
+_KEPT = 4
+
+
+class _Motion:
+    """A motion that is learned: its reference, its laws, and the best that has been learned of it."""
+
+    def __init__(self, machine, message, trajectory, law):
+        self.belongs_to = message.motion, message.learning_law, trajectory.position.tobytes()
+        self.best = Best(machine, message.motion, message.learning_law, trajectory)
+        self.law = cache(lambda *loop: law(message.learning_law, *loop).with_reference(trajectory))
 
 
 class LearningNode(PkmNode):
-    """Keeps no state: a learning law is a pure function of the request."""
+    """Serves the laws of pkm_core; they keep nothing, the node keeps the reference of the last cycles."""
 
     def __init__(self, **kwargs):
         super().__init__('learning', **kwargs)
-        machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
-        control = self.setting('control', '', "gains: file of config/control or a YAML file; empty for the machine's")
+        self._machine = machine = load_machine(
+            self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
+        )
+        chosen = self.setting('control', 'robust', 'of the controllers, as they are started')
         self.check_settings()
-        gains = load_control(machine, control or None)
-        self._law = cache(lambda name: make_law(name, machine, gains))
+        self._control = choose_control(machine, chosen)
+        self._law = cache(self._make_law)
+        self._motions = {}  # by cycle
+        self._learned = None  # the motion that was learned last
+        self.create_subscription(SampledTrajectory, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
         self.create_service(UpdateFeedforward, 'learning/update', self._on_update)
+        self.create_service(SaveLearned, 'learning/save', self._on_save)
+
+    def _make_law(self, name, *loop):
+        """Return the law `name`: for the control of the cell, or for a `loop` (joint, gains) that is another."""
+        law = make_law(name, self._machine, dict([loop]) if loop else self._control)
+        self.get_logger().info(law.verdict)
+        return law
+
+    def _on_trajectory(self, message):
+        """Get the law ready, with its convergence test, before the cycle runs."""
+        if message.learning_law in ('none', IDENTIFY):
+            return
+        machine = self._machine
+        try:
+            trajectory = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
+            motion = _Motion(machine, message, trajectory, self._law)
+            same = [known for known in self._motions.values() if known.belongs_to == motion.belongs_to]
+            if not same:
+                motion.law()
+        except PkmError as error:  # the controllers refuse such a trajectory, the generator such a law
+            self.get_logger().error(f'joint_trajectory of cycle {message.cycle}: {error}')
+            return
+        others = [(cycle, known) for cycle, known in self._motions.items() if cycle != message.cycle]
+        self._motions = dict([*others[1 - _KEPT :], (message.cycle, same[0] if same else motion)])
 
     def _on_update(self, request, response):
         try:
-            feedforward = self._law(request.law).update(
-                request.joint,
-                np.array(request.error),
-                np.array(request.feedforward),
-                request.iteration,
-                request.sample_time,
-            )
-        except PkmError as error:
-            response.message = str(error)
-            self.get_logger().error(f'{request.joint}, {request.motion!r}: {error}')
+            error, feedforward = np.array(request.error), np.array(request.feedforward)
+            gains = self._gains(request)
+            loop = () if gains == self._control[request.joint] else (request.joint, gains)
+            motion = self._motions.get(request.cycle)
+            if motion is None or motion.belongs_to[:2] != (request.motion, request.law):
+                motion, law = None, self._law(request.law, *loop)
+            else:
+                law = motion.law(*loop)
+            learned = law.update(request.joint, error, feedforward, request.iteration, request.sample_time)
+            if motion is not None:
+                motion.best.observe(request.joint, gains, error, feedforward, request.iteration)
+                self._learned = motion
+        except PkmError as refusal:
+            response.message = str(refusal)
+            self.get_logger().error(f'{request.joint}, {request.motion!r}: {refusal}')
             return response
         response.success = True
-        response.feedforward = array('d', feedforward.tobytes())
+        response.feedforward = array('d', learned.tobytes())
+        return response
+
+    def _gains(self, request):
+        """Return the gains of the loop a request comes from."""
+        if request.joint not in self._control:
+            raise LearningError(f'learning: joint {request.joint!r} is unknown; known: {list(self._control)}')
+        if request.gains.kp == 0.0:
+            return self._control[request.joint]
+        return gains_from_msg(request.gains, f'learning {request.joint}: gains')
+
+    def _on_save(self, request, response):
+        try:
+            if self._learned is None:
+                raise LearningError('nothing has been learned yet')
+            learned = self._learned.best.learned()
+            save(request.path, learned)
+        except PkmError as refusal:
+            response.message = str(refusal)
+            return response
+        response.success = True
+        response.message = f'{request.path}: motion {learned.origin.motion!r}, learned by {learned.origin.law!r}'
         return response
 
 

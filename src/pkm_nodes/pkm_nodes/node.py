@@ -3,6 +3,7 @@
 import signal
 import sys
 from contextlib import suppress
+from math import inf
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
@@ -49,9 +50,27 @@ class PkmNode(Node):
         self.hot_group = HotGroup()
 
     def setting(self, name, default, description):
-        """Declare the read-only parameter `name` and return its value; the type of `default` is binding."""
+        """
+        Declare the read-only parameter `name` and return its value; the type of `default` is binding.
+
+        A float is a duration or another size: `ConfigError` unless it is positive and finite.
+        """
+        value = self._declare(name, default, description, read_only=True)
+        if isinstance(value, float) and not 0 < value < inf:
+            raise ConfigError(
+                f'{self.get_fully_qualified_name()}: {name} is {value}; expected a positive, finite number '
+                f'({description})'
+            )
+        return value
+
+    def tunable(self, name, default, description):
+        """Declare the parameter `name`, which may be set while the node runs, and return its value."""
+        return self._declare(name, default, description, read_only=False)
+
+    def _declare(self, name, default, description, *, read_only):
         self._known_in_process.add(name)
-        return self.declare_parameter(name, default, ParameterDescriptor(description=description, read_only=True)).value
+        descriptor = ParameterDescriptor(description=description, read_only=read_only)
+        return self.declare_parameter(name, default, descriptor).value
 
     def check_settings(self):
         """Refuse parameters that were given but never declared; rclpy passes over a misspelt name without a word."""

@@ -42,6 +42,8 @@ class CellProcesses:
         'composed': one process; 'processes': one a node.
     namespace : str
         Where the cell lives in the graph.
+    control : str
+        Choice of the controllers, see `controllers.find_control`.
     seed, environment
         Of the simulated machine.
     folder : Path
@@ -51,15 +53,26 @@ class CellProcesses:
 
     """
 
-    def __init__(self, machine, arrangement, *, namespace=NAMESPACE, seed, environment, folder, record=True):
+    def __init__(
+        self,
+        machine,
+        arrangement,
+        *,
+        namespace=NAMESPACE,
+        control='robust',
+        seed,
+        environment,
+        folder,
+        record=True,
+    ):
         bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
         self._namespace = namespace
         self._logs.mkdir(parents=True, exist_ok=True)
+        options = {'control': control, 'seed': seed, 'environment': environment, 'folder': str(bags), 'record': record}
         if arrangement == 'composed':
-            own = {'machine': machine, 'seed': seed, 'environment': environment, 'folder': str(bags), 'record': record}
-            specs = [NodeSpec('cell', 'cell', own)]
+            specs = [NodeSpec('cell', 'cell', {'machine': machine, **options})]
         else:
-            specs = cell_nodes(machine, seed=seed, environment=environment, folder=bags, record=record)
+            specs = cell_nodes(machine, **options)
         self._specs = {spec.name: spec for spec in specs}
         self.processes = {}
 

@@ -41,6 +41,7 @@ class RecorderNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('recorder', **kwargs)
         machine = self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
+        self._control = self.setting('control', 'robust', 'choice of the controllers, for the hash in the metadata')
         folder = self.setting('folder', 'bags', 'folder that takes one bag a cycle')
         preroll = self.setting('preroll', 1.0, '[s] of simulated time that a snapshot reaches back')
         self.check_settings()
@@ -90,9 +91,9 @@ class RecorderNode(PkmNode):
             'parameters': self._parameters_of_cell.as_json(),
         }
         try:
-            facts['config_hash'] = config_hash(self._machine, motion, law)
+            facts['config_hash'] = config_hash(self._machine, motion, law, self._control)
         except ConfigError:  # poses of a goal, or a motion in a file of its own: the trajectories are in the bag
-            facts['config_hash'] = config_hash(self._machine, '', law)
+            facts['config_hash'] = config_hash(self._machine, '', law, self._control)
         return facts
 
     # how far it has come

@@ -12,8 +12,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from pkm_core.bags import writable_folder
+from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import PkmError
 from pkm_core.learning import law_file, law_names
+from pkm_core.learning.start import first_feedforward
 from pkm_core.machines import load_machine
 from pkm_core.motions import default_motion, load_motion, plan
 from pkm_core.provenance import config_hash
@@ -22,6 +24,8 @@ from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.trajectory import to_joints
 from pkm_nodes.graph import ENVIRONMENTS, NAMESPACE, namespace_of
+
+_LAW = 'fourier_pid'
 
 
 class Arrangement(StrEnum):
@@ -38,8 +42,20 @@ def run(
     ] = '',
     cycles: Annotated[int, typer.Option(min=1, help='Learning cycles.')] = 12,
     law: Annotated[
-        str, typer.Option(help=f'Learning law: none, {", ".join(law_names())}; or a YAML file.')
-    ] = 'fourier_pid',
+        str,
+        typer.Option(
+            help=f'Learning law: none, {", ".join(law_names())}; or a YAML file. By default {_LAW}, where the control '
+            'learns.'
+        ),
+    ] = '',
+    control: Annotated[
+        str,
+        typer.Option(help="'robust', 'computed_torque', a file of config/control or control_torque, or a YAML file."),
+    ] = 'robust',
+    learned: Annotated[
+        Path | None, typer.Option(help='Begin with the feedforward of this file, which --save-learned wrote.')
+    ] = None,
+    save_learned: Annotated[Path | None, typer.Option(help='Save the best learned feedforward to this file.')] = None,
     seed: Annotated[int, typer.Option(min=0, help='Seed of everything random in the machine.')] = 1,
     environment: Annotated[str, typer.Option(help=f'{ENVIRONMENTS.capitalize()}.')] = 'nominal',
     namespace: Annotated[
@@ -60,15 +76,26 @@ def run(
     namespace = namespace_of(namespace)
     model = load_machine(machine)
     motion = motion or default_motion(model)
-    to_joints(model, plan(model, load_motion(motion)))  # a motion that cannot be driven starts no process
+    joints = to_joints(model, plan(model, load_motion(motion)))  # what cannot be driven starts no process
+    gains = choose_control(model, control)
+    kind = kind_of(gains)
+    law = law or (_LAW if kind == 'robust' else 'none')
     if law != 'none':
         law_file(law)
+        if kind != 'robust':
+            raise PkmError(f'--law: {law!r} given; --control {control} learns nothing, expected none')
+    elif save_learned:
+        raise PkmError('--save-learned: --law none learns nothing')
+    if learned:
+        first_feedforward(learned, model, Path(motion).stem, law, gains, joints)
+    goal = {'motion': motion, 'cycles': cycles, 'law': law, 'learned': learned.resolve() if learned else ''}
+    cell = {'control': control, 'seed': seed, 'environment': environment}
     out = writable_folder(out or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{model.name}')
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} holds the results of another run; name an empty folder')
 
     try:
-        log = _drive(console, machine, motion, cycles, law, seed, environment, namespace, arrangement.value, out)
+        log = _drive(console, machine, arrangement.value, namespace, cell, goal, out, save_learned)
     except PkmError as error:
         raise PkmError(f'{error}\nwhat the cell printed and recorded is in {out}') from None
     records = [read_cycle(path) for path in log.bags]
@@ -76,15 +103,16 @@ def run(
         'machine': model.name,
         'motion': Path(motion).stem,
         'law': law,
-        'seed': seed,
-        'environment': environment,
+        'learned': str(learned) if learned else None,
+        **cell,
         'arrangement': arrangement.value,
-        'config_hash': config_hash(machine, motion, law),
+        'config_hash': config_hash(machine, motion, law, control),
         'sample_time_s': model.sample_time,
         'ticks': log.ticks,
         'ticks_per_second': log.ticks / log.seconds,
         'ticks_per_second_in_cycles': log.ticks / log.seconds_in_cycles,
         'messages': messages(records),
+        'notices': log.notices,
         'cycles': [{'cycle': r.cycle, 'bag': r.path.name, 'axes': cycle_figures(r)} for r in records],
     }
     text = json.dumps(results, indent=2)
@@ -95,7 +123,7 @@ def run(
     _print_account(console, results, out)
 
 
-def _drive(console, machine, motion, cycles, law, seed, environment, namespace, arrangement, out):
+def _drive(console, machine, arrangement, namespace, cell_options, goal, out, save_learned):
     """Run the cell and return its `CycleLog`."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     from pkm_nodes.client import CellClient
@@ -106,24 +134,26 @@ def _drive(console, machine, motion, cycles, law, seed, environment, namespace, 
     )
     with (
         progress,
-        CellProcesses(
-            machine, arrangement, namespace=namespace, seed=seed, environment=environment, folder=out
-        ) as cell,
+        CellProcesses(machine, arrangement, namespace=namespace, **cell_options, folder=out) as cell,
         CellClient(namespace) as client,
     ):
-        task = progress.add_task('starting the cell', total=cycles)
+        task = progress.add_task('starting the cell', total=goal['cycles'])
         client.wait_until_up(cell.check)
-        progress.update(task, description=f'{Path(motion).stem}, law {law}')
+        what = f'{Path(goal["motion"]).stem}, law {goal["law"]}'
+        progress.update(task, description=what)
 
         def on_feedback(feedback):
             worst = max(feedback.max_dynamic_error) * 1e6
             progress.update(
                 task,
                 completed=feedback.cycle,
-                description=f'{Path(motion).stem}, law {law}: worst axis {worst:5.1f} um',
+                description=f'{what}: worst axis {worst:5.1f} um',
             )
 
-        return client.execute(motion, cycles, law, cell.check, on_feedback)
+        log = client.execute(**goal, check=cell.check, on_feedback=on_feedback)
+        if save_learned:
+            client.save_learned(save_learned.resolve(), cell.check)
+        return log
 
 
 def _print_account(console, results, out):
@@ -134,5 +164,7 @@ def _print_account(console, results, out):
         f'{results["ticks_per_second_in_cycles"]:.0f} ticks/s while moving, '
         f'{results["ticks_per_second"]:.0f} ticks/s with the pauses for learning ({results["arrangement"]})'
     )
+    for notice in results['notices']:
+        console.print(notice)
     console.print(f'{recorded} messages recorded of {expected} expected: {expected - recorded} lost')
     console.print(f'bags, results.json and learning.png are in {out}', soft_wrap=True)

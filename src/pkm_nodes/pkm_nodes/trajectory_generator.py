@@ -17,8 +17,10 @@ from rclpy.task import Future
 from std_msgs.msg import UInt32
 
 from pkm_core.commissioning.plan import in_poses
+from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import PkmError, TrajectoryError
-from pkm_core.learning import law_file
+from pkm_core.learning import make_law
+from pkm_core.learning.start import first_feedforward
 from pkm_core.machines import load_machine
 from pkm_core.motions import load_motion, plan, poses_motion
 from pkm_core.trajectory import checked_joints, to_joints
@@ -36,6 +38,9 @@ class TrajectoryGeneratorNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('trajectory_generator', **kwargs)
         self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        self._control = choose_control(
+            self._machine, self.setting('control', 'robust', 'of the controllers, as they are started')
+        )
         self._start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')
         self._metrics_timeout = self.setting('metrics_timeout', 2.0, '[s, wall] from the last tick to the metrics')
         self.check_settings()
@@ -64,7 +69,7 @@ class TrajectoryGeneratorNode(PkmNode):
         result = ExecuteMotion.Result()
         try:
             self._refuse_second_goal(goal_handle.request)
-            name, messages = self._plan(goal_handle.request)
+            name, first, later = self._plan(goal_handle.request)
         except PkmError as error:
             self.get_logger().error(f'goal refused: {error}')
             result.message = str(error)
@@ -74,7 +79,7 @@ class TrajectoryGeneratorNode(PkmNode):
         try:
             for number in range(1, cycles + 1):
                 self._goal = f'motion {name!r}, cycle {number} of {cycles}'
-                result.message = await self._run_cycle(messages)
+                result.message = await self._run_cycle(first if number == 1 else later)
                 if result.message:
                     self.get_logger().error(f'{self._goal}: {result.message}')
                     goal_handle.abort()
@@ -96,13 +101,16 @@ class TrajectoryGeneratorNode(PkmNode):
             raise TrajectoryError(f'goal {name!r}: {self._goal} is running; wait for its end or cancel it')
 
     def _plan(self, request):
-        """Return the name of a goal that can be run as a whole and what to send, [(publisher, message)], each cycle."""
+        """
+        Return the name of a goal that can be run as a whole, and what to send, [(publisher, message)].
+
+        First for its first cycle, then for all others.
+        """
         if not request.cycles:
             raise TrajectoryError('goal: cycles is 0; expected at least 1')
-        if request.controller not in ('', 'robust'):
-            raise TrajectoryError(f"goal: controller {request.controller!r}; known: ['robust']")
-        if request.learning_law not in ('', 'none'):
-            law_file(request.learning_law)
+        kind = kind_of(self._control)
+        if request.controller not in ('', kind):
+            raise TrajectoryError(f'goal: controller {request.controller!r}; this cell has been started with {kind!r}')
         experiment = request.experiment
         if bool(request.motion) + bool(request.poses) + bool(experiment.coordinates) != 1:
             raise TrajectoryError(
@@ -122,13 +130,33 @@ class TrajectoryGeneratorNode(PkmNode):
             poses = [[getattr(pose, name) for name in machine.coordinates] for pose in request.poses]
             motion, name = poses_motion(machine, poses, request.move_time or None), 'poses'
         trajectory = plan(machine, motion)
-        to_joints(machine, trajectory)  # refuses here what inverse_kinematics would refuse after the goal was taken
+        joints = to_joints(machine, trajectory)  # refuses here what inverse_kinematics would after the goal was taken
+        named = {'cycle': 0, 'motion': name, 'learning_law': request.learning_law or 'none'}
+        begin = self._begin_learning(request, name, joints)
+        return name, *(
+            [(self._poses, trajectory_to_msg(trajectory, **named, feedforward=each))] for each in (begin, None)
+        )
+
+    def _begin_learning(self, request, name, joints):
+        """
+        Return the learned feedforward a goal begins with, or None; its law has passed the convergence test.
+
+        Before anything moves a law is refused that would diverge, and a file that is for something else.
+        """
         law = request.learning_law or 'none'
-        return name, [(self._poses, trajectory_to_msg(trajectory, cycle=0, motion=name, learning_law=law))]
+        if law != 'none':
+            self.get_logger().info(make_law(law, self._machine, self._control).verdict)
+        if not request.learned:
+            return None
+        return first_feedforward(request.learned, self._machine, name, law, self._control, joints)
 
     def _plan_experiment(self, request):
         """Return what `_plan` does, of an experiment of identification."""
         machine, experiment = self._machine, request.experiment
+        if kind_of(self._control) != 'robust':
+            raise TrajectoryError(
+                f'goal: experiment {experiment.motion!r}; only a cell with robust control has excitation'
+            )
         if request.learning_law not in ('', 'none') or request.move_time != 0:
             raise TrajectoryError(
                 f'goal: learning_law {request.learning_law!r} and move_time {request.move_time} s with experiment '
@@ -140,11 +168,12 @@ class TrajectoryGeneratorNode(PkmNode):
         joints = trajectory_from_msg(experiment, coordinates=machine.joints, sample_time=machine.sample_time)
         checked_joints(machine, joints)
         named = {'cycle': 0, 'motion': experiment.motion, 'learning_law': IDENTIFY}
-        return experiment.motion, [
+        messages = [
             *((self._excitation, excitation) for excitation in request.excitation),
             (self._poses, trajectory_to_msg(in_poses(machine, joints), **named)),
             (self._joints, trajectory_to_msg(joints, **named)),
         ]
+        return experiment.motion, messages, messages
 
     def _run_cycle(self, messages):
         """Send the messages of the next cycle; the returned future gives '' when it has run, or why it has not."""

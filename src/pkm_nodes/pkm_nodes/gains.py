@@ -1,0 +1,93 @@
+"""The gains of a robust controller as messages and as the parameters of a node that may be changed while it runs."""
+
+from rcl_interfaces.msg import SetParametersResult
+
+from pkm_core.config import parse_config
+from pkm_core.control.robust import RobustGains
+from pkm_core.errors import PkmError
+from pkm_interfaces.msg import RobustGains as RobustGainsMessage
+
+GAINS = {  # name of the parameter: what it is
+    'kp': '[V/m] proportional gain',
+    'ki': '[V/(m s)] integral gain',
+    'kd': '[V s/m] derivative gain',
+    'derivative_filter': '[s] time constant of the derivative',
+    'lag.pole': '[Hz] pole of the lag filter',
+    'lag.zero': '[Hz] zero of the lag filter',
+    'lag.dc_gain': '[1] gain of the lag filter at rest',
+    'notch.centre': '[Hz] centre of the notch',
+    'notch.width': '[Hz] width of the notch',
+    'notch.attenuation': '[dB] attenuation at the centre of the notch',
+}
+
+
+def flat(gains):
+    """Return {name of `GAINS`: value} of `RobustGains`."""
+    values = {}
+    for name in GAINS:
+        value = gains
+        for part in name.split('.'):
+            value = getattr(value, part)
+        values[name] = value
+    return values
+
+
+def gains_of(values, where):
+    """Return the `RobustGains` of {name of `GAINS`: value}; `ConfigError`, beginning with `where`, if they are none."""
+    nested = {}
+    for name, value in values.items():
+        group, _, inner = name.rpartition('.')
+        (nested.setdefault(group, {}) if group else nested)[inner] = value
+    return parse_config(nested, RobustGains, where=where, context=None)
+
+
+def gains_to_msg(gains):
+    """Return `RobustGains` as a message."""
+    return RobustGainsMessage(**{name.replace('.', '_'): value for name, value in flat(gains).items()})
+
+
+def gains_from_msg(message, where):
+    """Return the `RobustGains` in a message; `ConfigError`, beginning with `where`, if they are none."""
+    return gains_of({name: getattr(message, name.replace('.', '_')) for name in GAINS}, where)
+
+
+class GainParameters:
+    """
+    Declares the gains as parameters of `node` and keeps watch over their changes.
+
+    A change is refused before it is applied, with the reason of the `PkmError`, if the values are no gains or
+    `check(gains)` raises one. What is set at once (`set_parameters_atomically`) is judged at once.
+
+    Parameters
+    ----------
+    node : PkmNode
+    gains : RobustGains
+        What they are without overrides.
+    check, apply : callable
+        Called with the new gains: before, and when nothing is against them.
+
+    """
+
+    def __init__(self, node, gains, check, apply):
+        self._where, self._check, self._apply = node.get_fully_qualified_name(), check, apply
+        self._values = {name: node.tunable(name, value, GAINS[name]) for name, value in flat(gains).items()}
+        self.gains = gains_of(self._values, self._where)
+        check(self.gains)
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._after_set)
+
+    def _with(self, parameters):
+        return self._values | {each.name: each.value for each in parameters if each.name in GAINS}
+
+    def _on_set(self, parameters):
+        try:
+            self._check(gains_of(self._with(parameters), self._where))
+        except PkmError as refusal:
+            return SetParametersResult(successful=False, reason=str(refusal))
+        return SetParametersResult(successful=True)
+
+    def _after_set(self, parameters):
+        values = self._with(parameters)
+        if values != self._values:
+            self._values, self.gains = values, gains_of(values, self._where)
+            self._apply(self.gains)

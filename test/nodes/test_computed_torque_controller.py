@@ -1,0 +1,152 @@
+"""The controller of all joints at once; the test stands in the place of the machine."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pkm_core.control.computed_torque import load_torque_control
+from pkm_core.control.controllers import make_controller
+from pkm_core.errors import ConfigError
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
+from pkm_nodes.computed_torque_controller import ComputedTorqueControllerNode
+from pkm_nodes.conversions import trajectory_from_msg
+
+JOINTS = ('d1', 'd3', 'd5', 'd7')
+UM = 1e-6
+
+
+class Cell:
+    """The test in the place of the machine."""
+
+    def __init__(self, graph, joint_trajectory, machine):
+        self._graph, self.message = graph, joint_trajectory
+        self._trajectories = graph.publisher(SampledTrajectory, 'joint_trajectory')
+        self._encoders = [graph.publisher(EncoderSample, f'{joint}/encoder') for joint in JOINTS]
+        self.commands = [graph.listen(MotorCommand, f'{joint}/command') for joint in JOINTS]
+        self.reference = trajectory_from_msg(
+            joint_trajectory(1), coordinates=machine.joints, sample_time=machine.sample_time
+        )
+        self._tick = 0
+
+    def send(self, message):
+        self._trajectories.publish(message)
+
+    def load(self, cycle):
+        self.send(self.message(cycle))
+        for joint in JOINTS:
+            assert self._graph.next_event(CycleEvent.LOADED, cycle=cycle, source=joint).samples == len(self.reference)
+
+    def sample(self, cycle, index, positions, mode=EncoderSample.RUN):
+        """Send the samples of a tick; a joint whose position is None has none."""
+        for encoder, position in zip(self._encoders, positions, strict=True):
+            if position is not None:
+                encoder.publish(
+                    EncoderSample(tick=self._tick, cycle=cycle, index=index, position=float(position), mode=mode)
+                )
+        self._tick += 1
+
+    def answer(self):
+        self._graph.spin_until(lambda: all(self.commands), 'a command for every joint')
+        return [commands.pop() for commands in self.commands]
+
+    def run(self, cycle, lag=0.0):
+        """Play a cycle in which the sliders lag; return the commands, a row a tick."""
+        rows = []
+        for index, reference in enumerate(self.reference.position):
+            self.sample(cycle, index, reference - lag)
+            rows.append(self.answer())
+        return rows
+
+
+@pytest.fixture
+def cell(graph, joint_trajectory, machine):
+    return Cell(graph, joint_trajectory, machine)
+
+
+def voltages(rows):
+    return [[command.voltage for command in row] for row in rows]
+
+
+def test_every_tick_is_answered_for_all_joints_with_the_law_of_the_core(graph, cell, machine):
+    graph.start(ComputedTorqueControllerNode)
+    law = make_controller(machine, load_torque_control(machine))
+    law.load(cell.reference, np.zeros_like(cell.reference.position))
+    cell.load(1)
+    lag = UM * np.array([1.0, -2.0, 3.0, 0.0])
+    for index, row in enumerate(cell.run(1, lag)):
+        voltage, error = law.update(index, cell.reference.position[index] - lag)
+        assert [(command.tick, command.cycle) for command in row] == [(index, 1)] * 4
+        assert [command.voltage for command in row] == list(voltage)
+        assert [command.error for command in row] == list(error)
+        assert [command.feedforward for command in row] == [0.0] * 4
+
+
+def test_nobody_is_answered_before_the_samples_of_a_tick_are_complete(graph, cell):
+    graph.start(ComputedTorqueControllerNode)
+    cell.load(1)
+    home = cell.reference.position[0]
+    cell.sample(1, 0, [*home[:3], None])
+    graph.spin_in_silence()
+    assert not any(cell.commands)
+    cell.sample(1, 0, home)  # the next tick does not make up for the one that is not complete
+    assert [command.tick for command in cell.answer()] == [1] * 4
+
+
+def test_position_that_is_not_finite_is_not_answered_and_the_next_one_is(graph, cell):
+    graph.start(ComputedTorqueControllerNode)
+    cell.load(1)
+    home = cell.reference.position[0]
+    cell.sample(1, 0, [home[0], math.nan, home[2], home[3]])
+    graph.spin_in_silence()
+    assert not any(cell.commands)
+    cell.sample(1, 0, home)
+    assert [command.tick for command in cell.answer()] == [1] * 4
+
+
+def test_metrics_of_every_joint_come_after_the_last_tick(graph, cell):
+    graph.start(ComputedTorqueControllerNode)
+    metrics = [graph.listen(CycleMetrics, f'{joint}/cycle_metrics') for joint in JOINTS]
+    cell.load(1)
+    cell.run(1, UM * np.array([1.0, 2.0, 3.0, 4.0]))
+    graph.spin_until(lambda: all(metrics), 'the metrics of every joint')
+    for number, (joint, (found,)) in enumerate(zip(JOINTS, metrics, strict=True), start=1):
+        assert (found.joint, found.cycle) == (joint, 1)
+        assert found.max_dynamic_error == pytest.approx(number * UM)
+
+
+@pytest.mark.parametrize('stop', ['safe stop', 'reset'])
+def test_after_a_safe_stop_or_a_reset_the_law_starts_afresh(graph, cell, stop):
+    graph.start(ComputedTorqueControllerNode)
+    events = graph.publisher(CycleEvent, 'cycle_events')
+    cell.load(1)
+    fresh = voltages(cell.run(1))
+    cell.load(2)
+    cell.run(2, 20 * UM)  # fills the integrators
+    if stop == 'reset':
+        events.publish(CycleEvent(event=CycleEvent.RESET))
+    else:
+        cell.sample(2, 39, cell.reference.position[39], EncoderSample.SAFE_STOP)
+    graph.spin_in_silence()
+    cell.load(3)
+    assert voltages(cell.run(3)) == fresh
+
+
+def test_trajectory_that_wants_to_be_learned_is_refused(graph, cell):
+    graph.start(ComputedTorqueControllerNode)
+    cell.send(cell.message(4, learning_law='fourier'))
+    refused = graph.next_event(CycleEvent.REFUSED, cycle=4)
+    assert "learning_law 'fourier': computed torque learns nothing; expected none" in refused.message
+    cell.load(5)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'text'),
+    [
+        ({'control': 'four_dof_thesis'}, r"'four_dof_thesis' is for robust; this node is for computed_torque"),
+        ({'joint': 'd1'}, r"computed_torque_controller has unknown parameter\(s\) \['joint'\]"),
+    ],
+)
+def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+    with pytest.raises(ConfigError, match=text):
+        graph.start(ComputedTorqueControllerNode, **parameters)
