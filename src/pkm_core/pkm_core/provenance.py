@@ -1,11 +1,13 @@
 """Which state of this software is running."""
 
 import subprocess
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 from pkm_core.config import find_config, hash_files
 from pkm_core.control.controllers import find_control
+from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 
 
@@ -23,8 +25,14 @@ def git_revision():
 
 @cache
 def config_hash(machine, motion, law, control='robust'):
-    """Return the hash of the files that `machine`, `motion` ('' for none), learning `law` and `control` rest on."""
+    """
+    Return the hash of the files that `machine`, `motion`, learning `law` and `control` rest on.
+
+    A motion or law that is none of the configuration is left out: 'none', poses of a goal, experiments.
+    """
     model = load_machine(machine)
-    kinds = [('machines', machine), ('motions', motion), ('model', model.name), ('learning', law)]
-    files = [find_config(kind, each) for kind, each in kinds if each not in ('', 'none')]
-    return hash_files([*files, find_control(model, control)[1]])
+    files = [find_config('machines', machine), find_config('model', model.name), find_control(model, control)[1]]
+    for kind, name in (('motions', motion), ('learning', law)):
+        with suppress(ConfigError):
+            files.append(find_config(kind, name))
+    return hash_files(files)

@@ -85,16 +85,12 @@ class RecorderNode(PkmNode):
 
     def _facts(self, motion, law):
         """Return what the metadata of a bag say beside the facts of its cycle."""
-        facts = {
+        return {
             'machine': self._machine,
             'git_revision': git_revision(),
+            'config_hash': config_hash(self._machine, motion, law, self._control),
             'parameters': self._parameters_of_cell.as_json(),
         }
-        try:
-            facts['config_hash'] = config_hash(self._machine, motion, law, self._control)
-        except ConfigError:  # poses of a goal, or a motion in a file of its own: the trajectories are in the bag
-            facts['config_hash'] = config_hash(self._machine, '', law, self._control)
-        return facts
 
     # how far it has come
 
