@@ -397,9 +397,9 @@ def test_folder_that_cannot_be_written_is_refused(graph, tmp_path):
 @pytest.mark.parametrize(
     ('parameters', 'text'),
     [
-        ({'preroll': nan}, 'recorder: preroll is nan s; expected above 0, at most 60 s'),
-        ({'preroll': 0.0}, r'recorder: preroll is 0\.0 s; expected above 0'),
-        ({'preroll': 1e9}, r'recorder: preroll is 1000000000\.0 s; expected above 0, at most 60 s'),
+        ({'preroll': nan}, 'recorder: preroll is nan; expected a positive, finite number'),
+        ({'preroll': 0.0}, r'recorder: preroll is 0\.0; expected a positive, finite number'),
+        ({'preroll': 1e9}, r'recorder: preroll is 1000000000\.0 s; expected at most 60 s'),
         ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown"),
         ({'fodler': 'here'}, r"/pkm/recorder has unknown parameter\(s\) \['fodler'\]; known: .*'folder'"),
     ],

@@ -45,8 +45,8 @@ class RecorderNode(PkmNode):
         folder = self.setting('folder', 'bags', 'folder that takes one bag a cycle')
         preroll = self.setting('preroll', 1.0, '[s] of simulated time that a snapshot reaches back')
         self.check_settings()
-        if not 0 < preroll <= _LONGEST_PREROLL:
-            raise ConfigError(f'recorder: preroll is {preroll} s; expected above 0, at most {_LONGEST_PREROLL:.0f} s')
+        if preroll > _LONGEST_PREROLL:
+            raise ConfigError(f'recorder: preroll is {preroll} s; expected at most {_LONGEST_PREROLL:.0f} s')
         self._machine, model = machine, load_machine(machine)
         self._sample_time = model.sample_time
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(model.joints)}
