@@ -176,6 +176,32 @@ def test_axis_at_rest_is_refused_with_numbers():
         fit_low_frequency([data], KNOWN)
 
 
+def test_axis_that_does_not_follow_its_reference_is_refused_with_numbers():
+    data = closed_loop(moves())
+    dead = replace(data, position=np.full(len(data.position), 0.05))
+    for estimate in (lambda: fit_low_frequency([dead], KNOWN), lambda: estimate_response(dead)):
+        with pytest.raises(
+            IdentificationError, match=r'moved by 0 m where its reference moved by 0\.01 m; .* enabled\?'
+        ):
+            estimate()
+
+
+def test_excitation_of_an_axis_that_stands_still_is_refused():
+    volts = chirp()
+    data = replace(closed_loop(np.zeros(len(volts)), excitation=volts), position=np.zeros(len(volts)))
+    with pytest.raises(IdentificationError, match=r'does not answer the excitation at all; .* enabled\?'):
+        estimate_response(data, (80.0, 495.0))
+
+
+def test_excitation_that_no_axis_answers_is_refused_with_numbers():
+    volts = chirp()
+    data = closed_loop(np.zeros(len(volts)), excitation=volts)
+    noise = 1e-7 * np.random.default_rng(1).standard_normal(len(volts))
+    response = estimate_response(replace(data, position=noise), (80.0, 495.0))
+    with pytest.raises(IdentificationError, match=r'coherence is below 0\.8 at half of the lines, lowest 0\.0'):
+        fit_high_frequency([response], SURROUNDINGS, count=1)
+
+
 def test_even_speed_is_refused_as_it_does_not_tell_gain_from_viscosity():
     ramp = 1e-3 * TS * np.arange(1500)  # 1 mm/s
     data = closed_loop(np.concatenate([ramp, ramp[::-1]]), RIGID, noise=1e-7)
@@ -259,8 +285,8 @@ def test_too_few_modes_are_reported():
 
 
 def test_lack_of_coherence_is_reported_with_numbers():
-    volts = chirp(amplitude=0.05)
-    response = estimate_response(closed_loop(np.zeros(len(volts)), excitation=volts, noise=2e-6), (80.0, 495.0))
+    volts = chirp(amplitude=0.2)
+    response = estimate_response(closed_loop(np.zeros(len(volts)), excitation=volts, noise=1e-7), (80.0, 495.0))
     fit = fit_high_frequency([response], SURROUNDINGS, count=1)
     assert any('coherence is below 0.8 at' in text for text in fit.warnings)
 

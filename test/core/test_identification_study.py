@@ -17,10 +17,12 @@ from pkm_core.identification.identify import identify_joint
 from pkm_core.identification.loop import SimulatedCell
 from pkm_core.identification.partial_fractions import mode_rows
 from pkm_core.machines import load_machine
+from pkm_core.random_machines import random_machine
 from pkm_core.truth import load_truth
 
 BAND = (80.0, 500.0)
-AXES = [(machine, joint) for machine, joints in (('planar', (1, 3)), ('four_dof', (1, 3, 5, 7))) for joint in joints]
+JOINTS = {'planar': ('d1', 'd3'), 'four_dof': ('d1', 'd3', 'd5', 'd7'), 'xy_stage': ('x', 'y')}
+AXES = [(name, joint) for name, joints in JOINTS.items() for joint in joints]
 
 
 @cache
@@ -38,41 +40,51 @@ def identified(name, joint, seed, environment='nominal'):
 
 def errors(name, joint, found, environment='nominal'):
     """Return the relative errors [%] of K, a and the modes (m, 4); a damping's sign counts as part of it."""
-    axis = load_truth(machine_parts(name)[0], environment)[0].axes[joint]
-    true = mode_rows(axis.modes)
-    low = found.low
+    machine = machine_parts(name)[0]
+    axis = load_truth(machine, environment)[0].axes[joint]
+    number, true, low = machine.joints.index(joint), mode_rows(axis.modes), found.low
+    gain = axis.gain or machine.thrust_per_volt / machine.mass_matrix(machine.home)[number, number]
     return (
-        100 * (low.gain / (axis.gain * (1 + axis.gain_error)) - 1),
+        100 * (low.gain / (gain * (1 + axis.gain_error)) - 1),
         100 * (low.viscosity / (axis.viscosity * (1 + axis.viscosity_error)) - 1),
         100 * (found.high.modes / true - 1),
     )
 
 
-def check(name, joint, found, environment='nominal'):
+def check(name, joint, found, environment='nominal', low=2.0):
     gain, viscosity, modes = errors(name, joint, found, environment)
-    assert abs(gain) < 2.0
-    assert abs(viscosity) < 2.0
+    assert abs(gain) < low
+    assert abs(viscosity) < low
     assert np.abs(modes[:, [0, 2]]).max() < 1.0  # frequencies
     assert np.abs(modes[:, [1, 3]]).max() < 20.0  # dampings
     return gain, viscosity, modes
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('name', 'number'), AXES)
-def test_every_axis_is_recovered_with_five_seeds(name, number):
+@pytest.mark.parametrize(('name', 'joint'), AXES)
+def test_every_axis_is_recovered_with_five_seeds(name, joint):
     for seed in (1, 2, 3, 4, 5):
-        joint = f'd{number}'
-        found = identified(name, joint, seed)
-        gain, viscosity, modes = check(name, joint, found)
+        gain, viscosity, modes = check(name, joint, identified(name, joint, seed))
         cells = ' | '.join(f'{value:+.2f}' for value in (gain, viscosity, *modes.ravel()))
         print(f'| {name} {joint} | {seed} | {cells} |')
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('name', 'number'), AXES)
-def test_every_axis_is_recovered_on_the_worn_machine(name, number):
-    joint = f'd{number}'
-    check(name, joint, identified(name, joint, 1, 'hard'), 'hard')
+@pytest.mark.parametrize('name', JOINTS)
+def test_axes_of_unknown_machines_are_recovered(name):
+    """Thrust off by up to 20 %, resonances by 5 %, dampings by 0.6 to 1.5, another friction than believed."""
+    for number in range(5):
+        with random_machine(load_machine(name), (7, number)):
+            for joint in JOINTS[name]:
+                check(name, joint, identified(name, joint, number))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('name', 'joint'), AXES)
+def test_every_axis_is_recovered_on_the_worn_machine(name, joint):
+    """Ten times the vibration and gain jitter: K and a within 3 %."""
+    found = identified(name, joint, 1, 'hard')
+    check(name, joint, found, 'hard', low=3.0)
 
 
 @pytest.mark.slow

@@ -8,6 +8,8 @@ import numpy as np
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.coupling import reaction_voltage
 
+_FOLLOWS = 0.5  # share of the reference's way; a loop that is closed at all does far better
+
 
 @dataclass(frozen=True)
 class AxisData:
@@ -53,6 +55,15 @@ class AxisData:
         ahead = self.computation  # a voltage acts over the sample that begins so much later
         acts = np.append(self.reaction[ahead:], np.repeat(self.reaction[-1], ahead + 1))
         return self.voltage - 0.5 * (acts[:-1] + acts[1:])
+
+    def check_follows(self):
+        """Refuse a record in which the reference moved and the axis did not: `IdentificationError`."""
+        moved, wanted = np.ptp(self.position), 0.0 if self.reference is None else np.ptp(self.reference)
+        if moved < _FOLLOWS * wanted:
+            raise IdentificationError(
+                f'{self.name}: moved by {moved:.3g} m where its reference moved by {wanted:.3g} m; at least '
+                f'{_FOLLOWS:g} of that is expected: is the axis enabled?'
+            )
 
     def saturated(self, start, end):
         """Return how many samples of the voltage from `start` to `end` are at the drive's limit."""

@@ -142,8 +142,8 @@ def _stations(machine, own, pair, half, count):
     reach = room[pair > 0].min() - _CLEARANCE
     if reach < 0:
         raise IdentificationError(
-            f'the stroke of {2e3 * half:.1f} mm leaves no room: the travel less {1e3 * _CLEARANCE:g} mm at either end '
-            f'is {-2e3 * reach:.1f} mm shorter'
+            f'{machine.joints[own.argmax()]}: a stroke of {2e3 * half:.1f} mm leaves the travel; allowed '
+            f'{2e3 * (reach + half):.1f} mm, {1e3 * _CLEARANCE:g} mm off either end'
         )
     return np.linspace(-reach, reach, count) if count > 1 else np.zeros(1)
 

@@ -72,7 +72,8 @@ def fit_high_frequency(responses, known, count=2):
     Raises
     ------
     IdentificationError
-        If there are too few lines for the parameters, or `count` resonances do not explain the responses.
+        If there are too few lines for the parameters, half of them lack coherence, or `count` resonances do not explain
+        the responses.
 
     """
     from scipy.optimize import least_squares
@@ -81,25 +82,32 @@ def fit_high_frequency(responses, known, count=2):
     lines = min(response.frequency.size for response in responses)
     if lines < least:
         raise IdentificationError(f'{name}: {lines} lines for {count} modes; at least {least} are needed')
+    for response in responses:
+        if np.median(response.coherence) < COHERENT:
+            raise IdentificationError(
+                f'{response.name}: coherence is below {COHERENT:g} at half of the lines, lowest '
+                f'{response.coherence.min():.2f}: the axis hardly answers the excitation; excite more or average longer'
+            )
     guesses = [_guess(response, known, count) for response in responses]
-    weights = [np.sqrt(2) / response.deviation for response in responses]  # real and imaginary part: half the variance
+    which = np.repeat(np.arange(len(responses)), [response.frequency.size for response in responses])
+    plant, deviation = (np.concatenate([getattr(each, part) for each in responses]) for part in ('plant', 'deviation'))
+    grid, line = np.unique(np.concatenate([response.frequency for response in responses]), return_inverse=True)
 
     def errors(x):
         gains, delay, modes = _unpack(x, known, len(responses))
-        parts = [
-            weight * (response.plant - known.response(response.frequency, gain, delay, modes))
-            for response, weight, gain in zip(responses, weights, gains, strict=True)
-        ]
-        known_delay = x[len(gains) : len(gains) + 1]
-        return np.concatenate([*(part.real for part in parts), *(part.imag for part in parts), known_delay])
+        off = plant - gains[which] * known.response(grid, 1.0, delay, modes)[line]
+        off *= np.sqrt(2) / deviation  # real and imaginary part have half the variance each
+        return np.concatenate([off.real, off.imag, x[len(gains) : len(gains) + 1]])  # the last: the known dead time
 
-    starts = (_pack([gain for gain, _ in guesses], modes) for _, modes in guesses)
-    found = min(
-        (least_squares(errors, start, method='lm', x_scale='jac', max_nfev=2000) for start in starts),
-        key=lambda each: each.cost,
-    )
+    found = None
+    starts = [_pack([gain for gain, _ in guesses], modes) for _, modes in guesses]
+    for start in sorted(starts, key=lambda each: np.sum(errors(each) ** 2)):
+        each = least_squares(errors, start, method='lm', x_scale='jac', max_nfev=2000)
+        found = each if found is None or each.cost < found.cost else found
+        misfit = 2 * found.cost / (found.fun.size - found.x.size)
+        if misfit <= MISFIT:
+            break
     gains, delay, modes = _unpack(found.x, known, len(responses))
-    misfit = 2 * found.cost / (found.fun.size - found.x.size)
     if not found.success or (modes[:, 1] >= 1).any():
         best = ', '.join(f'{f:.0f} Hz (damping {z:.2g})' for f, z in modes[:, :2])
         raise IdentificationError(

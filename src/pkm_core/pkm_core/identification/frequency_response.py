@@ -55,10 +55,11 @@ def estimate_response(data, band=None):
     Raises
     ------
     IdentificationError
-        If the band does not lie below half the sampling rate or has no line, nothing was excited, the record is shorter
-        than two segments, or a share of _SATURATED of the samples is at the drive's limit.
+        If the band does not lie below half the sampling rate or has no line, nothing was excited or the axis does not
+        answer, the record is shorter than two segments, or more than _SATURATED of it is at the drive's limit.
 
     """
+    data.check_follows()
     source = data.voltage if data.excitation is None else data.excitation
     starts, length, periodic = _segments(data, source)
     saturated = np.mean([data.saturated(start, start + length) / length for start in starts])
@@ -71,6 +72,10 @@ def estimate_response(data, band=None):
     R, U, Y = (_spectra(values, starts, length, periodic) for values in (source, data.voltage, data.position))
     lines = _lines(data, frequency, np.sum(np.abs(R) ** 2, axis=0), band)
     R, U, Y = (spectra[:, lines] for spectra in (R, U, Y))
+    if not Y.any():
+        raise IdentificationError(
+            f'{data.name}: the position does not answer the excitation at all; is the axis enabled?'
+        )
     driven, moved = (np.sum(spectra * R.conj(), axis=0) for spectra in (U, Y))
     plant = moved / driven
     power = np.sum(np.abs(R) ** 2, axis=0) * np.sum(np.abs(Y) ** 2, axis=0)

@@ -96,20 +96,25 @@ def identify_joint(machine, joint, records, models, control, *, band=None, modes
         If the joint never moves without excitation, or a fit refuses its data.
 
     """
-    axis = joint_number(machine, joint)
-    moves, responses = [], []
-    for record in records:
-        if record.moves_plainly(machine, joint):
-            moves.append(record.axis(machine, joint))
-        elif record.excites(machine, joint):
-            response = estimate_response(record.axis(machine, joint), band)
-            factor = coupling_factor(machine, axis, record.excited_position(), response.frequency, models, control)
-            responses.append(
-                replace(response, plant=response.plant / factor, deviation=response.deviation / abs(factor))
-            )
+    moves = [record.axis(machine, joint) for record in records if record.moves_plainly(machine, joint)]
+    excited = [record for record in records if record.excites(machine, joint)]
+    responses = [joint_response(machine, joint, record, models, control, band=band) for record in excited]
     prior = models[joint]
     modes = modes or len(prior.modes) or _MODES
     return identify_axis(joint, moves, responses, corner=prior.current_loop, delay=LOOP_DELAY, modes=modes)
+
+
+def joint_response(machine, joint, record, models, control, *, band=None):
+    """
+    Return the `FrequencyResponse` of a joint with the others held at home, from a `JointRecord` that excites it.
+
+    Arguments as for `identify_joint`. What the loop really sees, with the others under their own control, is
+    ``estimate_response(record.axis(machine, joint), band)``.
+    """
+    response = estimate_response(record.axis(machine, joint), band)
+    axis, position = joint_number(machine, joint), record.excited_position()
+    factor = coupling_factor(machine, axis, position, response.frequency, models, control)
+    return replace(response, plant=response.plant / factor, deviation=response.deviation / abs(factor))
 
 
 def identify_axis(joint, moves, responses, *, corner=np.inf, delay=0.0, delay_deviation=2e-6, modes=_MODES):

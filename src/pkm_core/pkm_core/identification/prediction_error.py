@@ -64,9 +64,11 @@ def fit_low_frequency(records, known):
     Raises
     ------
     IdentificationError
-        If there are not two stretches of motion, or they do not determine K and a.
+        If there are not two stretches of motion, they do not determine K and a, or the axis did not follow.
 
     """
+    for data in records:
+        data.check_follows()
     stretches = [stretch for data in records for stretch in moving_stretches(data)]
     spare = {number for number in range(len(stretches)) if len(stretches) >= _FEW and number // 2 % 2}
     held_out = [stretches[number] for number in sorted(spare)]

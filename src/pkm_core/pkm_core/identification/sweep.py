@@ -17,8 +17,8 @@ class Sweep:
 
     band: tuple[float, float] = (80.0, 500.0)  # [Hz], thesis 7.3.2
     period: float = 0.512  # [s]; lines every 2 Hz, the sharpest resonance of the thesis is 9 Hz wide
-    periods: int = 2  # in each direction of the jog
-    settling: float = 0.256  # [s] of each pass before the periods that count; the slowest loop forgets all but 2e-4
+    periods: int = 3  # in each direction of the jog
+    settling: float = 0.128  # [s] of each pass before the periods that count; the slowest loop forgets 99 %
     speed: float = 15e-3  # [m/s] of the jog; an encoder of 20 um signal period then errs at 750 Hz, above the band
     shake: float = 0.6  # largest speed of the vibration over that of the jog
     voltage: float = 2.5  # [V] largest amplitude, and at most a half of what the drive can give
@@ -44,7 +44,7 @@ def one_period(sweep, model, gains, sample_time, limit):
     Raises
     ------
     IdentificationError
-        If the band does not lie below half the sampling rate, has too few lines, or the vibration stops the slider.
+        If the band does not lie below half the sampling rate or has too few lines.
 
     """
     _check(sweep, sample_time)
@@ -58,12 +58,7 @@ def one_period(sweep, model, gains, sample_time, limit):
     amplitude = np.minimum(min(sweep.voltage, 0.5 * limit), sweep.shake * sweep.speed / rigid)
     volts = amplitude * np.sin(2 * np.pi * (low * s + 0.5 * (high - low) * s * s))
     fastest = np.abs(forecast(model, gains, volts, sample_time)[1]).max()
-    if fastest > _SLIDING * sweep.speed:
-        raise IdentificationError(
-            f'the sweep shakes the slider at up to {1e3 * fastest:.1f} mm/s; allowed is {_SLIDING:g} times the '
-            f"jog's {1e3 * sweep.speed:g} mm/s, or friction falsifies the response"
-        )
-    return volts
+    return volts * min(1.0, _SLIDING * sweep.speed / fastest)  # what changes quickly swings beyond the steady amplitude
 
 
 def forecast(model, gains, volts, sample_time):
