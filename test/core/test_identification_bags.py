@@ -1,16 +1,17 @@
 """The same fits on bags: of this cell, and of somebody else's axis by topics, fields and units; and on bad bags."""
 
 import json
+import re
 from functools import cache
 
 import numpy as np
 import pytest
 import typer
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
-from pkm_core.bags import BagWriter
+from pkm_core.bag_writer import BagWriter
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
 from pkm_core.errors import BagError, PkmError
@@ -26,17 +27,8 @@ from pkm_core.message_types import typestore
 from pkm_core.trajectory import with_derivatives
 from pkm_core.verbs.identify_bag import identify_bag
 
-EXCITATION = 'pkm_interfaces/msg/Excitation'
 TICK = 500_000  # ns
 RUN = CliRunner()
-
-
-@cache
-def cell_types():
-    store = typestore.__wrapped__()  # not the cached one, which others use
-    if EXCITATION not in store.types:
-        store.register(get_types_from_msg('uint32 cycle\nstring joint\nfloat64[] voltage\n', EXCITATION))
-    return store
 
 
 @cache
@@ -55,8 +47,8 @@ def experiments():
 
 
 def write_cell_bag(path, experiment, record, *, ticks=None):
-    """Write what the recorder of the cell would, the excitation as a message a cycle."""
-    machine, store = parts()[0], cell_types()
+    """Write what the recorder of the cell would, with the excitation of every joint."""
+    machine, store = parts()[0], typestore()
     poses = with_derivatives(
         experiment.trajectory,
         machine.coordinates,
@@ -67,7 +59,7 @@ def write_cell_bag(path, experiment, record, *, ticks=None):
         kinds |= {f'/pkm/{joint}/encoder': 'EncoderSample', f'/pkm/{joint}/command': 'MotorCommand'}
     kinds |= {'/pkm/excitation': 'Excitation'}
     kinds = {topic: f'pkm_interfaces/msg/{kind}' for topic, kind in kinds.items()}
-    bag = BagWriter(path, kinds, {}, cell_types())
+    bag = BagWriter(path, kinds, {})
 
     def put(topic, index, /, **fields):
         data = store.serialize_cdr(store.types[kinds[topic]](**fields), kinds[topic])
@@ -81,9 +73,8 @@ def write_cell_bag(path, experiment, record, *, ticks=None):
             move_starts=trajectory.move_starts.astype(np.uint32), move_ends=trajectory.move_ends.astype(np.uint32),
             **{row: getattr(trajectory, row).ravel() for row in rows},
         )  # fmt: skip
-    if record.excitation is not None:
-        axis = machine.joints.index(experiment.joint)
-        put('/pkm/excitation', 0, cycle=1, joint=experiment.joint, voltage=record.excitation[:, axis].copy())
+    for axis, joint in enumerate(machine.joints):
+        put('/pkm/excitation', 0, cycle=1, joint=joint, voltage=experiment.excitation[:, axis].copy())
     positions = record.counts * machine.encoder_resolution
     for k in range(len(record.counts) if ticks is None else ticks):
         for axis, joint in enumerate(machine.joints):
@@ -117,16 +108,13 @@ def call(*options):
 
 def test_bag_gives_back_what_the_loop_saw(cell_bags):
     machine = parts()[0]
-    for path, (_, record) in zip(cell_bags, experiments(), strict=True):
+    for path, (planned, record) in zip(cell_bags, experiments(), strict=True):
         read, warnings = read_cell_bag(machine, path)
         assert not warnings
         np.testing.assert_array_equal(read.counts, record.counts)
         np.testing.assert_array_equal(read.voltage, record.voltage)
         np.testing.assert_allclose(read.reference, record.reference, atol=1e-15)
-        if record.excitation is None:
-            assert read.excitation is None
-        else:
-            np.testing.assert_array_equal(read.excitation, record.excitation)
+        np.testing.assert_array_equal(read.excitation, planned.excitation)
 
 
 def test_verb_on_bags_finds_what_the_records_gave(cell_bags, tmp_path):
@@ -150,6 +138,14 @@ def test_truncated_bag_is_used_and_reported_with_numbers(tmp_path):
     assert max(end for _, end in read.moves) < 5000
     result = call('--machine', 'planar', '--joint', 'd1', path)
     assert 'holds 5000 of 7600 ticks' in result.output.replace('\n', ' ')
+
+
+def test_cut_off_file_of_this_cell_is_refused(tmp_path):
+    path = write_cell_bag(tmp_path / 'cut', *experiments()[0], ticks=2000)
+    file = next(path.glob('*.mcap'))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(BagError, match=re.escape(str(path))):
+        read_cell_bag(parts()[0], path)
 
 
 def test_empty_bag_is_refused_with_numbers(tmp_path):

@@ -221,6 +221,8 @@ def test_response_without_noise_is_that_of_the_plant():
     np.testing.assert_allclose(response.plant, plant_system(AXIS, TS)(z), rtol=1e-4)  # the start has died away to that
     assert response.periodic
     assert response.coherence.min() > 0.9999
+    fit = fit_high_frequency([response], SURROUNDINGS, count=1)
+    np.testing.assert_allclose(fit.modes, mode_rows(MODES), rtol=1e-3)
 
 
 def test_response_is_unbiased_in_closed_loop_where_the_direct_one_is_not():

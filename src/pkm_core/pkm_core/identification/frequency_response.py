@@ -16,6 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from pkm_core.identification import IdentificationError
 
 _SPREAD = 9  # lines over which a variance is averaged; a few segments alone tell it badly
+_EXACT = 1e-12  # least relative variance: a filter of running sums may return zero or less
 _ALIKE = 0.5  # of the power: correlation from which on a lag is looked at as a period
 _WEAK = 1e-4  # of the strongest line: power from which on a line counts as excited
 _GAP = 20  # samples of zero excitation that end a pass; a sine crosses zero in one
@@ -90,7 +91,7 @@ def estimate_response(data, band=None):
         name=data.name,
         frequency=frequency[lines],
         plant=plant,
-        deviation=np.abs(plant) * np.sqrt(uniform_filter1d(scatter, min(_SPREAD, scatter.size))),
+        deviation=np.abs(plant) * np.sqrt(np.maximum(uniform_filter1d(scatter, min(_SPREAD, scatter.size)), _EXACT)),
         coherence=np.abs(moved) ** 2 / power,
         segments=len(starts),
         position=float(np.mean([data.position[start : start + length].mean() for start in starts])),
