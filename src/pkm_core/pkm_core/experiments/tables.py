@@ -92,4 +92,5 @@ def spread_table(title, rows, environments):
 def _text(found, form):
     if found.never:
         return f'{100 * found.never:.0f} % never'
-    return ' '.join((form.format(found.mean), f'({form.format(found.p95)})'))
+    mean = form.format(found.mean)
+    return f'{mean if float(mean) else mean.removeprefix("-")} ({form.format(found.p95)})'  # no zero with a sign
