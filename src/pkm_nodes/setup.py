@@ -42,5 +42,7 @@ setup(
             'page = pkm_nodes.page_verb:page',
             'run = pkm_nodes.run:run',
         ],
+        # what `pkm experiment --arrangement` finds the graph by
+        'pkm.graphs': ['drive = pkm_nodes.experiment_runs:drive'],
     },
 )

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pkm_core.control.computed_torque import load_torque_control
-from pkm_core.control.robust import load_control
+from pkm_core.control.controllers import choose_control
 from pkm_core.learning import make_law
 from pkm_core.learning.design import design_feedforward
 from pkm_core.learning.law import Law
@@ -30,7 +29,7 @@ class Condition:
     name: str
     machine: str
     column: str = ''
-    control: str = 'robust'  # or 'computed_torque', each with the machine's own gains, or a file of config/control
+    control: str = 'robust'  # as `choose_control` takes it
     law: str = 'none'
     settled: int = 3
     coupled: bool = False  # whether the feedforward has what the design couples, see `design_feedforward`
@@ -67,7 +66,7 @@ def _prepared(name, chosen, law, coupled, move_time):
     machine = load_machine(name)
     motion_name, motion = motion_of(machine, move_time)
     poses = plan(machine, motion)
-    joints, control = to_joints(machine, poses), _control(machine, chosen)
+    joints, control = to_joints(machine, poses), choose_control(machine, chosen)
     return Prepared(
         machine,
         motion_name,
@@ -77,12 +76,6 @@ def _prepared(name, chosen, law, coupled, move_time):
         None if law == 'none' else make_law(law, machine, control),
         design_feedforward(machine, control, joints) if coupled else None,
     )
-
-
-def _control(machine, chosen):
-    if chosen == 'computed_torque':
-        return load_torque_control(machine)
-    return load_control(machine, None if chosen == 'robust' else chosen)
 
 
 def conditions(experiment):
