@@ -22,7 +22,7 @@ from pkm_core.learning.fourier import FourierLaw
 from pkm_core.learning.inverse import InverseLaw
 from pkm_core.learning.law import Law
 from pkm_core.learning.norm_optimal import NormOptimalLaw
-from pkm_core.learning.store import config_hash
+from pkm_core.learning.store import design_hash
 from pkm_core.plugins import load_class
 
 KINDS = {'fourier': FourierLaw, 'inverse': InverseLaw, 'norm_optimal': NormOptimalLaw, 'basis': BasisLaw}
@@ -62,7 +62,7 @@ def make_law(name, machine, control):
 
     """
     law = untested_law(name, machine, control)
-    key = name, type(law), law.config.model_dump_json(), config_hash(machine, control)
+    key = name, type(law), law.config.model_dump_json(), design_hash(machine, control)
     if key not in _passed:
         _passed[key] = checked(name, law)
     return _passed[key]

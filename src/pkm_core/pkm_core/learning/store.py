@@ -44,12 +44,12 @@ def origin_of(machine, motion, law, control, trajectory):
         motion=motion,
         law=law,
         sample_time=machine.sample_time,
-        config=config_hash(machine, control),
+        config=design_hash(machine, control),
         reference=_digest(np.ascontiguousarray(trajectory.position).tobytes()),
     )
 
 
-def config_hash(machine, control):
+def design_hash(machine, control):
     """Return 12 hex digits that change with the machine's design, its models or the gains `control`, {joint: gains}."""
     joints = {'control': control, 'model': load_model(machine)}
     config = [machine.config.model_dump_json()]
