@@ -11,6 +11,7 @@ from pkm_core.bag_writer import BagWriter
 from pkm_core.description import joint_positions
 from pkm_core.errors import BagError
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
+from pkm_nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.dashboard import DashboardNode
 from pkm_nodes.machine import MachineNode
 from pkm_nodes.page.cell import Cell, Status
@@ -197,7 +198,10 @@ def test_nodes_that_are_missing_or_doubled_are_named(graph, dashboard):
     graph.spin_until(lambda: states().get('machine') == (True, 'standing'), 'the diagnostics of the machine')
     assert states()['trajectory_generator'] == (False, '2 of that name')
     assert states()['linear_motor_d1'] == (True, 'up')
-    assert states()['learning'] == (False, 'missing')
+    assert states()['learning'] == states()['joint_controller_d1'] == (False, 'missing')
+    graph.start(ComputedTorqueControllerNode)
+    graph.spin_until(lambda: states().get('computed_torque_controller') == (True, 'up'), 'the controller of all joints')
+    assert 'joint_controller_d1' not in states()
     assert 'recorder' not in states(), 'a cell may run without one'
     graph.stop(first)
     graph.stop(second)

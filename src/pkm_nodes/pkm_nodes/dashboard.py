@@ -201,9 +201,11 @@ class DashboardNode(PkmNode):
 
     def _node_lines(self, present):
         """Return a line for every node there is or should be."""
-        others = sorted({name for name in present if not name.startswith('_')} - {*self._expected, self.get_name()})
+        torque = 'computed_torque_controller' in present  # in the place of all others
+        expected = [name for name in self._expected if not (torque and name.startswith('joint_controller_'))]
+        others = sorted({name for name in present if not name.startswith('_')} - {*expected, self.get_name()})
         lines = []
-        for name in [*self._expected, *others]:
+        for name in [*expected, *others]:
             status = self._diagnosed.get(self._name_of(name))
             if name not in present:
                 lines.append(NodeLine(name, False, 'missing'))
