@@ -6,6 +6,7 @@ from array import array
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.exceptions import ParameterException
 from rclpy.parameter import Parameter
@@ -411,6 +412,7 @@ def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
 
 def test_divergence_is_noticed_within_two_cycles_and_the_best_feedforward_is_driven_again(graph, axis, learning):
     graph.start(JointControllerNode, joint='d3')
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
     errors = [20 * UM, 4 * UM, 5 * UM, 13 * UM, 40 * UM, 4 * UM]  # from the fourth cycle on learning makes it worse
     for level in range(1, 6):
         learning.will_answer([0.1 * level] * SAMPLES)
@@ -423,6 +425,8 @@ def test_divergence_is_noticed_within_two_cycles_and_the_best_feedforward_is_dri
     assert (notice.source, notice.cycle) == ('d3', 5)
     assert notice.message.startswith('learning of d3 diverges: 5.0, 13.0, 40.0 um rms')
     assert 'back to the feedforward that left 4.0 um' in notice.message
+    graph.spin_until(lambda: any(s.level == DiagnosticStatus.WARN for m in diagnostics for s in m.status), 'a warning')
+    assert diagnostics[-1].status[0].message == notice.message
     graph.spin_until(lambda: len(learning.requests) == 5, 'the request of the sixth cycle')
     assert [request.iteration for request in learning.requests] == [0, 1, 2, 3, 0]
 

@@ -34,11 +34,13 @@ class AxisLearning:
     ----------
     feedforward : ndarray, shape (N,)
         [V] learned, for the cycle to come.
+    notice : str
+        What the watch has noticed last of the motion that is learned, '' if nothing.
 
     """
 
     def __init__(self, node, joint, sample_time, events, on_end):
-        self.feedforward = np.zeros(0)
+        self.feedforward, self.notice = np.zeros(0), ''
         self._joint, self._sample_time, self._events, self._on_end = joint, sample_time, events, on_end
         self._logger = node.get_logger()
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
@@ -63,6 +65,7 @@ class AxisLearning:
         if learned_for != self._learned_for or given is not None:
             self._learned_for = learned_for
             self.feedforward = np.zeros(len(reference)) if given is None else given
+            self.notice = ''
             self.renew()
 
     def is_under_way(self):
@@ -82,6 +85,7 @@ class AxisLearning:
         # the monitor counts cycles since learning began; an update that failed is none
         self._iteration = min(self._iteration, decision.iteration)
         if decision.message:
+            self.notice = decision.message
             self._logger.warn(decision.message)
             self._events.publish(CycleEvent.NOTICE, message.cycle, message=decision.message)
         if not decision.learn:

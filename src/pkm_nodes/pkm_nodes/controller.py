@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
@@ -44,8 +45,11 @@ class ControllerNode(PkmNode, ABC):
         self._metrics = [self.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in joints]
         subscribe_events(self, self._on_event)  # first: a reset must not come after the trajectory that follows it
         self.create_subscription(SampledTrajectory, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
-        self._retry = self.create_timer(0.05, self._load_if_possible, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._retry = self.create_timer(0.05, self._load_if_possible, clock=wall)
         self._retry.cancel()
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_timer(1.0, self._publish_diagnostics, clock=wall)
 
     @abstractmethod
     def _load(self, trajectory, feedforward):
@@ -68,6 +72,10 @@ class ControllerNode(PkmNode, ABC):
 
     def _learn(self):
         """Learn from the cycle that has ended."""
+
+    def _warning(self):
+        """Return what people should know of this controller, '' if nothing."""
+        return ''
 
     def _on_event(self, event):
         if event.event == CycleEvent.RESET:
@@ -125,6 +133,18 @@ class ControllerNode(PkmNode, ABC):
     def _report_loaded(self):
         for events in self._events.values():
             events.publish(CycleEvent.LOADED, self._message.cycle, samples=len(self._trajectory))
+
+    def _publish_diagnostics(self):
+        warning = self._warning()
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
+            name=self.get_fully_qualified_name(),
+            message=warning or ('cycle running' if self._running else 'cycle loaded' if self._loaded else 'standing'),
+            values=[KeyValue(key='cycle', value=str(self._message.cycle if self._message else 0))],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
 
     def _finish_cycle(self):
         self._loaded = self._running = False

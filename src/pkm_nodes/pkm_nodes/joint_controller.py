@@ -111,6 +111,9 @@ class JointControllerNode(ControllerNode):
         if index + 1 == len(self._axis_errors):
             self._finish_cycle()
 
+    def _warning(self):
+        return self._learning.notice
+
     def _learn(self):
         if self._message.learning_law not in ('none', IDENTIFY):
             self._learning.learn(self._message, self._errors[:, 0].copy(), self._gains.gains)
