@@ -425,6 +425,8 @@ def test_recorder_that_falls_silent_in_a_cycle_stops_the_machine_safely(graph, c
         ({'environment': 'soft'}, r"'soft'.*'nominal'"),
         ({'seed': -1}, r'seed -1 given; expected a whole number from 0'),
         ({'answer_time': 1.0}, r"/pkm/machine has unknown parameter\(s\) \['answer_time'\]; known: .*'answer_timeout'"),
+        ({'answer_timeout': math.nan}, r'/pkm/machine: answer_timeout is nan; expected a positive, finite number'),
+        ({'start_timeout': -1.0}, r'/pkm/machine: start_timeout is -1.0; expected a positive, finite number'),
     ],
 )
 def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):

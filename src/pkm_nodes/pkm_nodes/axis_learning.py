@@ -46,6 +46,7 @@ class AxisLearning:
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._call = None  # under way
+        self._asked_by = None  # the monitor at that time
         self._until = 0
         self._learned_for = None  # (motion, law, reference) the feedforward belongs to
         self.renew()
@@ -101,6 +102,7 @@ class AxisLearning:
             error=array('d', error.tobytes()),
             feedforward=array('d', self.feedforward.tobytes()),
         )
+        self._asked_by = self._monitor
         self._call = self._service.call_async(request)
         self._until = self._wall.now().nanoseconds + int(LEARNING_TIMEOUT * 1e9)
         self._call.add_done_callback(self._on_answer)
@@ -118,5 +120,5 @@ class AxisLearning:
             self._logger.error(f'{refusal}; going on with the feedforward I have')
         else:
             self.feedforward = feedforward
-            self._iteration += 1
+            self._iteration += self._asked_by is self._monitor  # not if learning has begun anew meanwhile
         self._on_end()
