@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.srv import ListParameters
 from rclpy.serialization import serialize_message
 
 from pkm_core.bag_writer import BagWriter
@@ -101,6 +102,11 @@ def test_events_tell_what_the_machine_does(cell, machine):
         assert (cell.status, cell.reason) == (status, reason)
         if event == CycleEvent.RESET:
             assert cell.positions == joint_positions(machine, machine.home)
+
+
+def test_cycle_without_a_bag_shows_why(cell):
+    cell.hear(CycleEvent(event=CycleEvent.NOT_RECORDED, cycle=3, message='/bags: No space left on device'))
+    assert 'cycle 3 is not recorded: /bags: No space left on device' in status_html(cell)
 
 
 def test_trace_is_what_the_commands_in_the_bag_say(cell, tmp_path):
@@ -251,3 +257,9 @@ def test_reset_shows_the_answer_of_the_machine(graph, dashboard):
     graph.spin_until(lambda: dashboard.cell.notice.text, 'the answer')
     assert dashboard.cell.notice.text == 'reset: at home; there was no fault'
     assert dashboard.cell.notice.good
+
+
+def test_page_tells_its_parameters_like_every_node(graph, dashboard):
+    # an attribute of its own once hid those of rclpy, and the first recorder that asked ended the page
+    answer = graph.call(ListParameters, '/pkm/dashboard/list_parameters')
+    assert {'host', 'port'} <= set(answer.result.names)

@@ -128,9 +128,10 @@ def test_page_loads_with_nothing_from_the_internet(window, requests, port):
 
 def test_every_node_of_the_cell_is_up(window):
     rows = window.locator('[data-nodes] tr')
-    sync_api.expect(rows).to_have_count(15)
+    sync_api.expect(rows).to_have_count(16)
     sync_api.expect(rows.filter(has_text=re.compile('up$'))).to_have_count(14)
     sync_api.expect(rows.filter(has_text='machine')).to_have_text(re.compile('standing$'))
+    sync_api.expect(rows.filter(has_text='recorder')).to_have_text(re.compile('recording$'))
 
 
 def test_click_runs_cycles_and_the_numbers_and_curves_change(window):

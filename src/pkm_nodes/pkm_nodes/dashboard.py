@@ -64,7 +64,7 @@ class DashboardNode(PkmNode):
         self._execute = ActionClient(self, ExecuteMotion, 'execute_motion')
         self._cancel = self.create_client(CancelGoal, 'execute_motion/_action/cancel_goal')
         self._reset = self.create_client(Trigger, 'machine/reset')
-        self._parameters = self.create_client(GetParameters, 'machine/get_parameters')
+        self._machine_parameters = self.create_client(GetParameters, 'machine/get_parameters')
         subscribe_events(self, self._on_event)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.create_subscription(PoseStamped, 'pose', self._on_pose, _LATEST_QOS)
@@ -173,8 +173,8 @@ class DashboardNode(PkmNode):
         if 'machine' not in present or monotonic() - self._heard > _SILENCE:
             self.cell.leave()
             self._asked = None
-        if self._asked is None and self._parameters.service_is_ready():
-            self._asked = self._parameters.call_async(GetParameters.Request(names=['machine']))
+        if self._asked is None and self._machine_parameters.service_is_ready():
+            self._asked = self._machine_parameters.call_async(GetParameters.Request(names=['machine']))
             self._asked.add_done_callback(self._on_machine_name)
         self.cell.nodes = self._node_lines(present)
 

@@ -109,6 +109,8 @@ class Cell:
             self._stand_at_home()
         elif event.event == CycleEvent.REFUSED:
             self.notice = Notice(f'{event.source}: {event.message}', good=False)
+        elif event.event == CycleEvent.NOT_RECORDED:
+            self.no_trace = f'cycle {event.cycle} is not recorded: {event.message}'
         elif event.event == CycleEvent.RECORDED:
             self._read(event.cycle, event.message)
 

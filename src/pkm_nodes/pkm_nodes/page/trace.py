@@ -7,6 +7,7 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
+from pkm_core.bags import bag_files
 from pkm_core.errors import BagError
 
 # A serialized MotorCommand: CDR header, then the fields of the message, each aligned to its size. Read as one array,
@@ -32,14 +33,15 @@ class Trace:
 
 def read_trace(path, cycle, joints, namespace):
     """Return the `Trace` of `cycle` in the bag folder `path`; `BagError` if it is not to be had."""
+    if not Path(path).exists():
+        raise BagError(f'{path}: no such bag on this computer')
     taken = {f'{namespace}/{joint}/command': [] for joint in joints}
     try:
-        with next(Path(path).glob('*.mcap')).open('rb') as stream:
-            for _, channel, message in make_reader(stream).iter_messages(topics=list(taken), log_time_order=False):
-                taken[channel.topic].append(message.data)
+        for file in bag_files(path):
+            with file.open('rb') as stream:
+                for _, channel, message in make_reader(stream).iter_messages(topics=list(taken), log_time_order=False):
+                    taken[channel.topic].append(message.data)
         columns = [np.frombuffer(b''.join(messages), _COMMAND) for messages in taken.values()]
-    except StopIteration:
-        raise BagError(f'{path}: no such bag on this computer') from None
     except (OSError, McapError, ValueError) as error:
         raise BagError(f'{path}: cannot be read as a bag of this cell: {error}') from None
     length = min(map(len, columns))
