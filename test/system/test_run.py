@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from pkm_core.bags import read_metadata
 from pkm_core.control.controllers import choose_control
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
@@ -177,6 +178,24 @@ def test_results_name_what_ran_and_follow_from_the_bags(runs):
             assert set(cycle['axes'][joint]) == {
                 *('max_dynamic_error_um', 'settling_5um_ms', 'settling_1um_ms', 'steady_state_error_um')
             }
+
+
+@pytest.mark.parametrize('arrangement', ['composed', 'processes'])
+def test_bags_tell_what_ran(runs, arrangement):
+    folder = runs[arrangement][0]
+    first, second = (read_metadata(path) for path in sorted((folder / 'bags').iterdir()))
+    data = second['custom_data']
+    parameters = json.loads(data['parameters'])
+    assert parameters['machine']['seed'] == 7
+    assert parameters['joint_controller_d5']['joint'] == 'd5'
+    assert None not in parameters.values(), 'every node has answered'
+    assert data['config_hash'] == json.loads((folder / 'results.json').read_text())['config_hash']
+    assert (data['machine'], data['learning_law'], data['cycle']) == ('four_dof', 'fourier_pid', '2')
+    assert json.loads(data['lost']) == {}
+    assert len(set(json.loads(data['learned_feedforward']).values())) == 4
+    assert set(json.loads(first['custom_data']['learned_feedforward']).values()) == {''}
+    counts = {topic['topic_metadata']['name']: topic['message_count'] for topic in second['topics_with_message_count']}
+    assert all(counts[f'/pkm/{name}'] for name in ('pose', 'twist', 'joint_states', 'markers', 'laser'))
 
 
 def test_learning_lowers_the_error_of_every_axis(runs):
