@@ -6,8 +6,8 @@ from time import monotonic
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.parameter import parameter_value_to_python
 
-# [s, wall] how long a node may take to answer; one that does not is recorded without its parameters
-_PATIENCE = 3.0
+# [s, wall] how long a node may take to answer before nobody waits for it; what it says later still counts
+_PATIENCE = 5.0
 
 
 class GraphParameters:
@@ -50,34 +50,34 @@ class _Question:
 
     def __init__(self, node, name):
         self.name, self.values = name, None
-        self.is_over = False
         self._node = node
         self._list = node.create_client(ListParameters, f'{name}/list_parameters')
         self._get = node.create_client(GetParameters, f'{name}/get_parameters')
         self._asked = None
         self._deadline = monotonic() + _PATIENCE
 
+    @property
+    def is_over(self):
+        """Whether the node has answered, or has had its time."""
+        return self.values is not None or monotonic() > self._deadline
+
     def go_on(self):
-        """Ask as soon as the node can hear; give it up when its time is over."""
-        if self.is_over:
+        """Ask as soon as the node can hear; give back what that took once it has answered."""
+        if self.values is not None:
             self.release()
-        elif monotonic() > self._deadline:
-            self.is_over = True
         elif self._asked is None and self._list.service_is_ready() and self._get.service_is_ready():
             self._asked = self._list.call_async(ListParameters.Request())
             self._asked.add_done_callback(self._on_names)
 
     def _on_names(self, future):
-        if not self.is_over:
+        if self._get is not None:
             names = list(future.result().result.names)
             self._asked = self._get.call_async(GetParameters.Request(names=names))
             self._asked.add_done_callback(lambda answer: self._on_values(names, answer))
 
     def _on_values(self, names, future):
-        if not self.is_over:
-            values = map(parameter_value_to_python, future.result().values)
-            self.values = dict(zip(names, values, strict=True))
-            self.is_over = True
+        values = map(parameter_value_to_python, future.result().values)
+        self.values = dict(zip(names, values, strict=True))
 
     def release(self):
         """Give back what it took to ask."""
