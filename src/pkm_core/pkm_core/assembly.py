@@ -5,6 +5,7 @@ Lengths enter the kinematics only. In the dynamics 10 um on 70 mm would change m
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class Assembly:
     """
 
     mechanism: str
-    offsets: object
+    offsets: Any
     lengths: dict
     encoder_offset: np.ndarray
     payload: float

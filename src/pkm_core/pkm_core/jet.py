@@ -7,6 +7,8 @@ exact joint motion of a pose motion, without a hand-written derivative. Arithmet
 Source: Griewank & Walther, Evaluating Derivatives (2008), ch. 13 (recurrences of Taylor coefficients).
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
@@ -120,7 +122,7 @@ def _arctan(a):
     return r
 
 
-_RULES = {
+_RULES: dict[Any, Any] = {
     np.add: lambda a, b: [x + y for x, y in zip(a, b, strict=True)],
     np.subtract: lambda a, b: [x - y for x, y in zip(a, b, strict=True)],
     np.negative: lambda a: [-x for x in a],

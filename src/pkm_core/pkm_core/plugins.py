@@ -46,5 +46,6 @@ def load_class(named, *, base, beside, key, known):
     if not (isinstance(found, type) and issubclass(found, base)):
         raise ConfigError(f'{where}: {path} has no class {name} derived from {base.__module__}.{base.__name__}')
     if inspect.isabstract(found):
-        raise ConfigError(f'{where}: {name} of {path} lacks {sorted(found.__abstractmethods__)}')
+        lacking = found.__abstractmethods__  # type: ignore[attr-defined]
+        raise ConfigError(f'{where}: {name} of {path} lacks {sorted(lacking)}')
     return found

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.excitation import slow_moves, sweeps
@@ -53,7 +54,8 @@ class Request:
     def sweep(self):
         """Return the `Sweep` that is asked for."""
         given = {'voltage': self.voltage, 'speed': self.jog_speed, 'band': any(self.band) and tuple(self.band)}
-        return replace(Sweep(), **{name: value for name, value in given.items() if value})
+        asked: dict[str, Any] = {name: value for name, value in given.items() if value}
+        return replace(Sweep(), **asked)
 
 
 def plan(machine, request, models, control):

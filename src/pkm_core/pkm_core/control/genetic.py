@@ -177,7 +177,7 @@ def write_branches(path, branches, identity):
         arrays[f'{key}/population'], arrays[f'{key}/generations'] = branch.population, np.array(branch.generations)
     partial = Path(f'{path}.partial')
     with partial.open('wb') as file:
-        np.savez(file, **arrays)
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # no array is called allow_pickle
     os.replace(partial, path)  # an interrupted write leaves the old file
 
 

@@ -39,7 +39,7 @@ def plot_margins(path, title, frequency, loop, perturbed=()):
     figure = Figure(figsize=(13, 6.5), layout='constrained')
     FigureCanvasAgg(figure)
     figure.suptitle(title)
-    left, right = figure.subfigures(1, 2)
+    left, right = figure.subfigures(1, 2)  # type: ignore[misc]
     draw_nyquist(left.subplots(), loop, perturbed)
     magnitude, phase, sensitivity = right.subplots(3, 1, sharex=True)
     draw_bode(magnitude, phase, frequency, loop, perturbed)
@@ -63,11 +63,11 @@ def draw_nyquist(axes, loop, perturbed=()):
 
 def draw_bode(magnitude, phase, frequency, loop, perturbed=()):
     """Draw |L| [dB] and its phase [deg], between -360 and 0, into two axes."""
-    for each, style in (*((p, {'color': '0.8', 'linewidth': 0.6}) for p in perturbed), (loop, {'color': 'C0'})):
-        magnitude.semilogx(frequency, 20 * np.log10(np.abs(each)), **style)
+    for each, color, width in (*((p, '0.8', 0.6) for p in perturbed), (loop, 'C0', None)):
+        magnitude.semilogx(frequency, 20 * np.log10(np.abs(each)), color=color, linewidth=width)
         degrees = -np.mod(-np.degrees(np.angle(each)), 360)
         degrees[1:][np.abs(np.diff(degrees)) > 180] = np.nan  # no line across the picture where it wraps
-        phase.semilogx(frequency, degrees, **style)
+        phase.semilogx(frequency, degrees, color=color, linewidth=width)
     magnitude.axhline(0, color='k', linewidth=0.6)
     phase.axhline(-180, color='k', linewidth=0.6)
     magnitude.set(ylabel='|L| [dB]')

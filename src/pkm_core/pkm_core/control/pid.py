@@ -6,7 +6,15 @@ from dataclasses import dataclass
 class PidLaw:
     """What has kp [V/m], ki [V/(m s)], kd [V s/m], derivative_filter [s] and, in series, the filters `stages`."""
 
-    stages = ()
+    kp: float
+    ki: float
+    kd: float
+    derivative_filter: float
+
+    @property
+    def stages(self):
+        """The filters behind the PID, in their order; none here."""
+        return ()
 
     def pid_response(self, z, sample_time, *, integral=1.0, derivative=1.0):
         """Return KP + `integral` I + `derivative` D [V/m] at the points `z` of the unit circle, z = 1 excluded."""

@@ -6,7 +6,7 @@ the order of the blocks, so the result has the same bits however the blocks were
 """
 
 import asyncio
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -89,7 +89,9 @@ def monte_carlo_budget(machine, tolerances, q, machines, seed, scheduler=None, o
     blocks = list(zip(sizes, np.random.SeedSequence(seed).spawn(len(sizes)), strict=True))
     common = (machine, tolerances, q, edges)
     run = _here(common, blocks) if scheduler is None else _on_cluster(scheduler, common, blocks)
-    sums = squares = counts = 0
+    sums: Any = 0  # arrays from the first block on
+    squares: Any = 0
+    counts: Any = 0
     for total, square, count in run:
         sums, squares, counts = sums + total, squares + square, counts + count
         on_block()

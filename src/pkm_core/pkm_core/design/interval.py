@@ -6,6 +6,8 @@ numbers, not about a computation. Known are +, -, *, / and `np.sqrt`; other NumP
 Source: Moore, Kearfott & Cloud, Introduction to Interval Analysis (2009), ch. 2 and 3.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
@@ -63,7 +65,7 @@ def _sqrt(a):
     return np.sqrt(np.maximum(a[0], 0.0)), np.sqrt(a[1])  # of the part where there is a root
 
 
-_RULES = {
+_RULES: dict[Any, Any] = {
     np.add: lambda a, b: (a[0] + b[0], a[1] + b[1]),
     np.subtract: lambda a, b: (a[0] - b[1], a[1] - b[0]),
     np.negative: lambda a: (-a[1], -a[0]),

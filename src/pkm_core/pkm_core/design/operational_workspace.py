@@ -11,6 +11,8 @@ from pkm_core.machines.base import PositiveLength
 
 
 class _Span(Config):
+    first: float
+    last: float
     points: Annotated[int, Field(ge=1, le=1000)]
 
     @model_validator(mode='after')

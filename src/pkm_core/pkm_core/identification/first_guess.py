@@ -37,11 +37,11 @@ def _pairs(roots, count):
     """Return (frequency, damping) of `count` factors of second degree with these roots, rising."""
     complex_ones = roots[roots.imag > 1e-9 * np.abs(roots)]
     real_ones = np.sort(roots[np.abs(roots.imag) <= 1e-9 * np.abs(roots)].real)
-    rows = [(abs(root), -root.real / abs(root)) for root in complex_ones]
+    factors = [(abs(root), -root.real / abs(root)) for root in complex_ones]
     for first, second in zip(real_ones[::2], real_ones[1::2], strict=False):
         size = np.sqrt(abs(first * second))
-        rows.append((size, -0.5 * (first + second) / size))
-    rows = np.array(sorted(rows)[:count]).reshape(-1, 2)
+        factors.append((size, -0.5 * (first + second) / size))
+    rows = np.array(sorted(factors)[:count]).reshape(-1, 2)
     missing = count - len(rows)  # degree lost to a leading coefficient of zero: a zero far above the band
     rows = np.vstack([rows, np.tile([10.0, 0.1], (missing, 1))])
     rows[:, 1] = np.clip(rows[:, 1], -_LARGEST_DAMPING, _LARGEST_DAMPING)

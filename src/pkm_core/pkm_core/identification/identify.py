@@ -146,7 +146,7 @@ def identify_axis(joint, moves, responses, *, corner=np.inf, delay=0.0, delay_de
                 f'{data.name}: sample time {1e3 * data.sample_time:.4g} ms; {moves[0].name} has '
                 f'{1e3 * sample_time:.4g} ms'
             )
-    low_known, high_known, high, percent, lowest, notes = KnownDynamics(corner, delay), None, None, np.nan, None, ()
+    low_known, high_known, high, percent, lowest, notes = KnownDynamics(corner, delay), None, None, np.nan, None, []
     low = fit_low_frequency(moves, low_known)
     if responses:
         lowest = int(np.argmin([response.initial_gain() for response in responses]))

@@ -27,6 +27,7 @@ from pkm_core.control.systems import plant_system
 from pkm_core.errors import LearningError
 from pkm_core.learning.law import Law, LawConfig
 from pkm_core.learning.regressors import forces
+from pkm_core.trajectory import SampledTrajectory
 
 ROUNDING = 1e-6  # of the largest force; below, it is rounding of a joint that stands still
 
@@ -42,7 +43,8 @@ class BasisLaw(Law):
     """The law with basis functions; as made it knows no motion, see `with_reference`."""
 
     Parameters = BasisConfig
-    _trajectory = None
+    _trajectory: SampledTrajectory = None
+    _fits: dict
 
     def with_reference(self, trajectory):
         """Return the law for the motion `trajectory`, in joints."""

@@ -51,7 +51,7 @@ class Law(ABC):
 
     """
 
-    Parameters = LawConfig  # model of the law's file
+    Parameters: type[LawConfig] = LawConfig  # model of the law's file
     verdict = ''
 
     def __init__(self, config, machine, control):
@@ -125,7 +125,7 @@ class FrequencyLaw(Law):
 
     def __init__(self, config, machine, control):
         super().__init__(config, machine, control)
-        self._on_grid = cache(self._on_grid)
+        self._on_grid = cache(self._on_grid)  # type: ignore[method-assign]
 
     def _learn(self, joint, error, feedforward, gain):
         memory, action = self._on_grid(joint, error.size)

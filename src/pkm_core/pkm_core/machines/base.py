@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -74,6 +75,8 @@ class Machine(ABC):
 
     Attributes
     ----------
+    Config : class
+        Model of the machine's file.
     joints, coordinates : tuple of str
         Names of the entries of q and of a pose.
     parameters : tuple of str
@@ -87,9 +90,12 @@ class Machine(ABC):
 
     """
 
+    Config: type[MachineConfig]
     joints: tuple[str, ...]
     coordinates: tuple[str, ...]
     parameters: tuple[str, ...]
+    terms: Callable
+    rows: Callable
 
     def __init__(self, config, name):
         self.config = config

@@ -5,6 +5,8 @@ It enters the kinematics only; in the dynamics, 10 um on 70 mm would change mass
 drawing, `Machine.drawing`.
 """
 
+from typing import Any
+
 from pkm_core.config import Config, Length
 from pkm_core.machines.base import PositiveLength
 
@@ -12,6 +14,8 @@ _FARTHEST = 1e-3  # m; chosen: who is further off has built another machine
 
 
 class _Built(Config):
+    marks: Any  # encoder readings minus positions
+
     @classmethod
     def as_drawn(cls, geometry):
         """Return what the drawing `geometry` says."""

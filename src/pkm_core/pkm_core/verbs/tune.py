@@ -57,8 +57,8 @@ def tune(
     console.print(
         margins_table(f'{system.name}, tuned', {j: {'nominal': a.margins, 'worst': a.worst} for j, a in found.items()})
     )
-    columns = {joint: axis.column for joint, axis in found.items()}
-    (out / 'table.md').write_text(table_markdown(system.name, columns), encoding='utf-8')
+    table = {joint: axis.column for joint, axis in found.items()}
+    (out / 'table.md').write_text(table_markdown(system.name, table), encoding='utf-8')
     for joint, axis in found.items():
         loops = model_loops(axis.gains, axis.model, system.sample_time)
         plot_margins(out / f'margins_{joint}.png', f'{system.name} {joint}, tuned; thin: perturbed models', *loops)

@@ -121,8 +121,8 @@ def _figures(model, run, samples, unit, volumes, spatial):
 
 def _extremes_table(figures):
     table = Table(title=f'what {figures["machine"]} reaches', title_justify='left')
-    for heading, justify in (('coordinate', 'left'), ('', 'left'), ('reached', 'right'), ('at joints \\[mm]', 'left')):
-        table.add_column(heading, justify=justify)
+    for heading in ('coordinate', '', 'reached', 'at joints \\[mm]'):
+        table.add_column(heading, justify='right' if heading == 'reached' else 'left')
     for name, row in figures['extremes'].items():
         for end in ('lowest', 'highest'):
             joints = '  '.join(f'{value:8.4f}' for value in row[f'joints_{end}_mm'])
