@@ -20,7 +20,7 @@ from pkm_core.random_machines import drive_one
 
 UM = 1e6
 NAMES = {'four_dof': '4-DOF', 'planar': 'planar'}
-GOALS = {  # [um]; of best: mean and 95 %
+GOALS: dict[str, dict] = {  # [um]; of best: mean and 95 %
     'four_dof': {'robust': 20.0, 'thesis': 2.0, 'best': (1.0, 1.8), 'hard': 3.5, 'transfer': 4.0},
     'planar': {'robust': 23.0, 'thesis': 2.5, 'best': (1.2, None), 'hard': 5.0, 'transfer': 8.0},
 }
@@ -45,7 +45,7 @@ class Target:
 
 def target_tasks(seeds, cycles):
     """Return {key: tuple of a function and its arguments} of all that has to be driven, for `farm`."""
-    tasks = {}
+    tasks: dict[tuple, tuple] = {}
     for machine in NAMES:
         by_name = {each.name: each for each in conditions(machine)}
         best, thesis = by_name['best law'], by_name['thesis law']
