@@ -40,6 +40,7 @@ setup(
             'bag-play = pkm_nodes.bag_play:bag_play',
             'identify-cell = pkm_nodes.identify_cell:identify_cell',
             'page = pkm_nodes.page_verb:page',
+            'parameters = pkm_nodes.parameters:parameters',
             'run = pkm_nodes.run:run',
         ],
         # what `pkm experiment --arrangement` finds the graph by

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pkm_core.errors import ConfigError
 
@@ -59,7 +59,8 @@ def quantity(unit):
 
     Add bounds in SI with ``Annotated[quantity('m'), Field(gt=0)]``.
     """
-    return Annotated[float, BeforeValidator(lambda value, info: _to_si(value, unit, info))]
+    described = Field(json_schema_extra={'unit': unit})  # for the page of parameters
+    return Annotated[float, BeforeValidator(lambda value, info: _to_si(value, unit, info)), described]
 
 
 Number = quantity('')

@@ -47,8 +47,12 @@ class MachineNode(PkmNode):
         environment = self.setting('environment', 'nominal', ENVIRONMENTS)
         self._answer_timeout = self.setting('answer_timeout', 5.0, '[s, wall] wait for the answers of a tick')
         self._start_timeout = self.setting('start_timeout', 10.0, '[s, wall] wait for the other joints to load a cycle')
-        self._wait_for_recorder = self.setting('wait_for_recorder', False, 'run no further ahead of the recorder than')
-        self._window = self.setting('recorder_window', 400, '[ticks] this, so that no sample can be lost')
+        self._wait_for_recorder = self.setting(
+            'wait_for_recorder', False, 'start no cycle, and run not far ahead, without a recorder'
+        )
+        self._window = self.setting(
+            'recorder_window', 400, '[ticks] how far ahead of the recorder: no sample can be lost'
+        )
         self.check_settings()
 
         self._joints = machine.joints

@@ -46,14 +46,16 @@ class TorqueGains(Config):
         return Pid(kp / model.gain, ki / model.gain, kd / model.gain)
 
 
-class _Control(Config):
+class TorqueControlFile(Config):
+    """Gains of computed torque."""
+
     joints: dict[str, TorqueGains]
 
 
 def load_torque_control(machine, name_or_path=None):
     """Return {joint: TorqueGains} of config/control_torque; default and refusals as `robust.load_control`."""
     path = find_config('control_torque', name_or_path or machine.name)
-    control = in_joint_order(machine, load_config(path, _Control).joints, path)
+    control = in_joint_order(machine, load_config(path, TorqueControlFile).joints, path)
     for joint, model in load_model(machine).items():
         require_stable(f'{path}: {joint}', control[joint].pid(model), model, machine.sample_time)
     return control

@@ -40,14 +40,16 @@ class AxisModel(Config):
         return 1 / (2 * np.pi * self.current_loop) + sum(mode.low_frequency_delay() for mode in self.modes)
 
 
-class _Models(Config):
+class ModelFile(Config):
+    """What the controllers believe of their axes."""
+
     joints: dict[str, AxisModel]
 
 
 def load_model(machine, name_or_path=None):
     """Return {joint: AxisModel} of config/model, by default of the file called like the machine."""
     path = find_config('model', name_or_path or machine.name)
-    return in_joint_order(machine, load_config(path, _Models).joints, path)
+    return in_joint_order(machine, load_config(path, ModelFile).joints, path)
 
 
 def in_joint_order(machine, per_joint, path):

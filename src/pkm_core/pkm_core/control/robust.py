@@ -41,7 +41,9 @@ class RobustGains(PidLaw, Config):
         return self.lag, self.notch
 
 
-class _Control(Config):
+class ControlFile(Config):
+    """Gains of the robust controllers."""
+
     joints: dict[str, RobustGains]
 
 
@@ -58,7 +60,7 @@ def load_control(machine, name_or_path=None):
 
     """
     path = find_config('control', name_or_path or machine.name)
-    control = in_joint_order(machine, load_config(path, _Control).joints, path)
+    control = in_joint_order(machine, load_config(path, ControlFile).joints, path)
     for joint, model in load_model(machine).items():
         require_stable(f'{path}: {joint}', control[joint], model, machine.sample_time)
     return control

@@ -5,7 +5,7 @@ It enters the kinematics only; in the dynamics, 10 um on 70 mm would change mass
 drawing, `Machine.drawing`.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pkm_core.config import Config, Length
 from pkm_core.machines.base import PositiveLength
@@ -14,7 +14,8 @@ _FARTHEST = 1e-3  # m; chosen: who is further off has built another machine
 
 
 class _Built(Config):
-    marks: Any  # encoder readings minus positions
+    if TYPE_CHECKING:  # each mechanism has its own
+        marks: Any
 
     @classmethod
     def as_drawn(cls, geometry):

@@ -1,0 +1,27 @@
+"""docs/parameters.md is what `pkm parameters` writes, and every configuration file stands on it."""
+
+import sys
+from pathlib import Path
+
+from pkm_core.config import config_folder
+from pkm_core.parameter_page import FILES
+
+DOMAIN = 122
+PKM = Path(sys.prefix) / 'bin' / 'pkm'
+PAGE = Path(__file__).parents[2] / 'docs' / 'parameters.md'
+
+
+def test_page_is_current(processes):
+    done = processes.run(PKM, 'parameters')
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == PAGE.read_text(), 'write it anew: .venv/bin/pkm parameters --out docs/parameters.md'
+
+
+def test_every_kind_of_file_is_documented():
+    page = PAGE.read_text()
+    for path in config_folder().glob('*/*.yaml'):
+        titles = [title for title in FILES if title.startswith(f'config/{path.parent.name}')]
+        named = [title for title in titles if title.endswith('.yaml')]  # files of a folder that differ in kind
+        assert titles, path
+        assert not named or any(title.endswith(path.name) for title in named), path
+        assert all(f'### {title}\n' in page for title in titles)
