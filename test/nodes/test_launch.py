@@ -1,0 +1,82 @@
+"""
+The launch file: its arguments, and that it starts the nodes of graph.py.
+
+There is no package `launch` among the wheels that this project is set up from, so stand-ins of the same names record
+what the file asks for; `ros2 launch` itself is not run here.
+"""
+
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from pkm_core.errors import PkmError
+from pkm_nodes.graph import cell_nodes
+
+FILE = Path(__file__).parents[2] / 'src' / 'pkm_nodes' / 'launch' / 'cell.launch.py'
+
+
+class DeclareLaunchArgument(SimpleNamespace):
+    def __init__(self, name, **given):
+        super().__init__(name=name, **given)
+
+
+class LaunchConfiguration:
+    def __init__(self, name):
+        self.name = name
+
+    def perform(self, context):
+        return context[self.name]
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """Return a function: the nodes that the launch file starts with the given arguments, each as its keywords."""
+    modules = {
+        'launch': {'LaunchDescription': list},
+        'launch.actions': {
+            'DeclareLaunchArgument': DeclareLaunchArgument,
+            'OpaqueFunction': SimpleNamespace,
+        },
+        'launch.substitutions': {'LaunchConfiguration': LaunchConfiguration},
+        'launch_ros': {},
+        'launch_ros.actions': {'Node': SimpleNamespace},
+    }
+    for name, content in modules.items():
+        module = ModuleType(name)
+        module.__dict__.update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    *arguments, action = runpy.run_path(str(FILE))['generate_launch_description']()
+    defaults = {argument.name: argument.default_value for argument in arguments}
+
+    def start(**given):
+        assert given.keys() <= defaults.keys()
+        return action.function(defaults | given)
+
+    return start
+
+
+def test_composed_cell_is_one_process_with_the_arguments(launch):
+    (node,) = launch(machine='planar', seed='7', environment='hard', namespace='left')
+    assert (node.package, node.executable, node.namespace) == ('pkm_nodes', 'cell', '/left')
+    wanted = {'machine': 'planar', 'seed': 7, 'environment': 'hard', 'folder': 'bags', 'use_sim_time': True}
+    assert node.parameters == [wanted]
+    assert node.remappings == [('/clock', '/left/clock')]
+
+
+def test_processes_are_the_nodes_of_the_graph(launch):
+    nodes = launch(machine='planar', arrangement='processes', folder='here')
+    specs = cell_nodes('planar', folder='here')
+    assert [(node.executable, node.name or node.executable) for node in nodes] == [
+        (s.executable, s.name) for s in specs
+    ]
+    for node, spec in zip(nodes, specs, strict=True):
+        assert node.parameters == [{'use_sim_time': True, **spec.parameters}]
+        assert (node.namespace, node.remappings) == ('/pkm', [])
+
+
+def test_namespace_that_cannot_be_is_refused(launch):
+    with pytest.raises(PkmError, match="namespace 'a b' given"):
+        launch(namespace='a b')
