@@ -1,0 +1,136 @@
+"""The image and the services, read line by line: there may be no Docker engine where the tests run."""
+
+import ast
+import fnmatch
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from catkin_pkg.package import parse_package
+
+from pkm_nodes.graph import cell_nodes
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCKER = ROOT / 'docker'
+PACKAGES = sorted(path.parent for path in (ROOT / 'src').glob('*/package.xml'))
+# import name: distribution, where they differ; what comes with another distribution or with ROS itself
+DISTRIBUTIONS = {'skimage': 'scikit-image', 'zstandard': 'mcap', 'websockets': 'viser', 'mpl_toolkits': 'matplotlib'}
+OF_ROS = {'yaml', 'rosidl_parser', 'ament_index_python'}
+ELSEWHERE = {'mujoco'}  # of the bench, which says so when it is missing
+
+
+def instructions():
+    """Return [(instruction, arguments)] of the Dockerfile; comments dropped, continued lines joined."""
+    text = re.sub(r'(?m)^\s*#.*\n', '', (DOCKER / 'Dockerfile').read_text())
+    lines = re.sub(r'\\\n', ' ', text).splitlines()
+    return [tuple(line.split(maxsplit=1)) for line in lines if line.strip()]
+
+
+def of(kind):
+    return [arguments for instruction, arguments in instructions() if instruction == kind]
+
+
+def left_out(path):
+    """Tell whether Dockerfile.dockerignore keeps `path` (relative) out of the build."""
+    out = False
+    for pattern in (DOCKER / 'Dockerfile.dockerignore').read_text().splitlines():
+        if pattern and not pattern.startswith('#'):
+            bare = pattern.removeprefix('!')
+            if any(fnmatch.fnmatch(str(part), bare) for part in (path, *path.parents)):
+                out = not pattern.startswith('!')
+    return out
+
+
+def test_every_instruction_is_known():
+    known = {'FROM', 'RUN', 'COPY', 'WORKDIR', 'ENTRYPOINT', 'CMD'}
+    assert {instruction for instruction, _ in instructions()} <= known
+    assert instructions()[0] == ('FROM', 'ros:jazzy-ros-base')
+
+
+def test_every_copied_file_is_there_and_sent_to_the_build():
+    assert of('COPY')
+    for arguments in of('COPY'):
+        *sources, _ = shlex.split(arguments)
+        for source in sources:
+            assert (ROOT / source).exists(), source
+            files = [path.relative_to(ROOT) for path in (ROOT / source).rglob('*.py')] or [Path(source)]
+            assert not any(left_out(path) for path in files if path.exists())
+    assert left_out(Path('.venv'))
+    assert left_out(Path('runs/first/results.json'))
+
+
+@pytest.mark.parametrize('script', [*of('RUN'), (DOCKER / 'entrypoint.sh').read_text()])
+def test_every_script_can_be_parsed(script):
+    subprocess.run(['bash', '-n'], input=script, text=True, check=True, timeout=10)
+
+
+def imported(package):
+    """Return the top-level names that the code of `package` imports, but for the standard library and our own."""
+    names = set()
+    for path in (package / package.name).rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(node.module.partition('.')[0])
+    return names - set(sys.stdlib_module_names) - {path.name for path in PACKAGES}
+
+
+@pytest.mark.parametrize('package', [path for path in PACKAGES if (path / 'setup.py').exists()], ids=lambda p: p.name)
+def test_every_import_is_installed_in_the_image(package):
+    installed = {word for line in of('RUN') for word in shlex.split(line)}
+    declared = {dependency.name for dependency in parse_package(str(package)).exec_depends}
+    for name in imported(package) - OF_ROS - ELSEWHERE:
+        assert name in declared or DISTRIBUTIONS.get(name, name) in installed, name
+
+
+@pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
+def test_package_files_are_those_of_one_version_and_build_type(package):
+    warnings = []
+    parsed = parse_package(str(package), warnings=warnings)
+    assert not warnings
+    assert parsed.name == package.name
+    assert parsed.version == '0.1.0'
+    if (package / 'setup.py').exists():
+        assert f"version='{parsed.version}'" in (package / 'setup.py').read_text()
+        assert parsed.get_build_type() == 'ament_python'
+
+
+def test_default_command_launches_with_arguments_that_exist():
+    (command,) = of('CMD')
+    *words, package, file, argument = yaml.safe_load(command)
+    assert (words, package) == (['ros2', 'launch'], 'pkm_nodes')
+    launch = (ROOT / 'src' / package / 'launch' / file).read_text()
+    assert f"DeclareLaunchArgument('{argument.partition(':=')[0]}'" in launch
+
+
+def test_entry_point_is_copied_and_may_be_run():
+    (entry,) = of('ENTRYPOINT')
+    (path,) = yaml.safe_load(entry)
+    assert f'docker/entrypoint.sh {path}' in of('COPY')
+    assert (DOCKER / 'entrypoint.sh').stat().st_mode & 0o111
+
+
+def test_services_are_the_nodes_of_a_cell_with_their_parameters():
+    services = yaml.safe_load((DOCKER / 'compose.yaml').read_text())['services']
+    specs = cell_nodes('four_dof', folder='/runs/bags')
+    assert list(services) == [spec.name for spec in specs]
+    for spec in specs:
+        common = ['ros2', 'run', 'pkm_nodes', spec.executable]
+        assert services[spec.name]['command'] == [*common, *spec.arguments({'use_sim_time': True})], spec.name
+        assert services[spec.name]['environment']['ROS_SECURITY_KEYSTORE'] == '/keystore'
+        assert any(volume.endswith(':/runs') for volume in services[spec.name]['volumes'])
+
+
+def test_services_share_the_memory_of_the_machine_and_are_interrupted_not_killed():
+    services = yaml.safe_load((DOCKER / 'compose.yaml').read_text())['services']
+    assert {name: service['ipc'] for name, service in services.items()} == {
+        name: 'shareable' if name == 'machine' else 'service:machine' for name in services
+    }
+    assert {service['stop_signal'] for service in services.values()} == {'SIGINT'}
+    build = services['machine']['build']
+    assert (DOCKER / build['context'] / build['dockerfile']).resolve() == DOCKER / 'Dockerfile'
