@@ -11,9 +11,10 @@ import numpy as np
 
 from pkm_core.control.controllers import make_controller
 from pkm_core.errors import PkmError
-from pkm_interfaces.msg import EncoderSample, MotorCommand
+from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.controller import ControllerNode
 from pkm_nodes.node import run
+from pkm_nodes.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 
 
 class ComputedTorqueControllerNode(ControllerNode):
@@ -27,10 +28,9 @@ class ComputedTorqueControllerNode(ControllerNode):
         self._tick = -1
         self._measured = np.zeros(len(joints))  # [m] at self._tick
         self._missing = set()  # columns whose sample of self._tick has not come
-        self._command = MotorCommand()
         self._serve(joints)
         for column, joint in enumerate(joints):
-            self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, column))
+            self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, column), raw=True)
 
     def _check(self, message):
         if message.learning_law != 'none':
@@ -44,32 +44,29 @@ class ComputedTorqueControllerNode(ControllerNode):
     def _load(self, trajectory, _):
         self._controller.load(trajectory, np.zeros_like(trajectory.position))
 
-    def _on_sample(self, column, sample):
+    def _on_sample(self, column, data):
         """Take one encoder's sample; the last one of a tick is answered for all: the hot path."""
-        if sample.mode != EncoderSample.RUN:
+        tick, cycle, index, mode, _, position = ENCODER_SAMPLE.unpack(data)
+        if mode != EncoderSample.RUN:
             self._drop()
             return
-        if not self._loaded or sample.cycle != self._message.cycle:
+        if not self._loaded or cycle != self._message.cycle:
             return
-        if sample.tick != self._tick:
-            self._tick = sample.tick
+        if tick != self._tick:
+            self._tick = tick
             self._missing.update(range(len(self._joints)))
-        self._measured[column] = sample.position
+        self._measured[column] = position
         self._missing.discard(column)
         if self._missing:
             return
-        index = sample.index
         try:
             voltages, errors = self._controller.update(index, self._measured)
         except PkmError as refusal:
-            self.get_logger().error(f'tick {sample.tick}: {refusal}; not answered')
+            self.get_logger().error(f'tick {tick}: {refusal}; not answered')
             return
         self._running = True
-        command = self._command
-        command.tick, command.cycle = sample.tick, sample.cycle
-        for publisher, voltage, error in zip(self._commands, voltages.tolist(), errors.tolist(), strict=True):
-            command.voltage, command.error = voltage, error
-            publisher.publish(command)
+        for send, voltage, error in zip(self._senders, voltages.tolist(), errors.tolist(), strict=True):
+            send(MOTOR_COMMAND.pack(tick, cycle, voltage, error, 0.0))
         self._errors[index] = errors
         if index + 1 == len(self._errors):
             self._finish_cycle()

@@ -14,7 +14,7 @@ from pkm_core.metrics import axis_metrics
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand, SampledTrajectory
 from pkm_nodes.conversions import feedforward_from_msg, trajectory_from_msg
 from pkm_nodes.events import CycleEvents, subscribe_events
-from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode
+from pkm_nodes.node import CYCLE_QOS, PkmNode
 
 
 class ControllerNode(PkmNode, ABC):
@@ -41,7 +41,8 @@ class ControllerNode(PkmNode, ABC):
         self._loaded = self._running = False
         self._errors = np.zeros((0, len(joints)))
         self._events = {joint: CycleEvents(self, joint) for joint in joints}
-        self._commands = [self.create_publisher(MotorCommand, f'{joint}/command', TICK_QOS) for joint in joints]
+        publishers = [self.tick_publisher(MotorCommand, f'{joint}/command') for joint in joints]
+        self._commands, self._senders = zip(*publishers, strict=True)
         self._metrics = [self.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in joints]
         subscribe_events(self, self._on_event)  # first: a reset must not come after the trajectory that follows it
         self.create_subscription(SampledTrajectory, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)

@@ -16,13 +16,14 @@ from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.identification import IdentificationError
-from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand
+from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.axis_learning import AxisLearning
 from pkm_nodes.controller import ControllerNode
 from pkm_nodes.conversions import IDENTIFY
 from pkm_nodes.excitation import AxisExcitation
 from pkm_nodes.gains import GainParameters
 from pkm_nodes.node import run
+from pkm_nodes.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 
 
 class JointControllerNode(ControllerNode):
@@ -46,13 +47,12 @@ class JointControllerNode(ControllerNode):
         self._feedforward = np.zeros(0)
         self._excitation = AxisExcitation(self, machine, joint, self._model)
         self._excited = None  # the `ExcitedAxis` of a cycle of identification
-        self._command = MotorCommand()
         self._serve((joint,))
-        self._command_publisher = self._commands[0]
+        self._send_command = self._senders[0]
         self._learning = AxisLearning(
             self, joint, machine.sample_time, self._events[joint], on_end=self._load_if_possible
         )
-        self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample)
+        self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, raw=True)
 
     def _check_gains(self, gains):
         require_margins(self.get_fully_qualified_name(), gains, self._model, self._machine.sample_time, **self._least)
@@ -83,30 +83,27 @@ class JointControllerNode(ControllerNode):
         self._axis_errors = self._errors[:, 0]
         self._controller.load(*axis, self._feedforward)
 
-    def _on_sample(self, sample):
+    def _on_sample(self, data):
         """Answer one encoder tick: the hot path."""
-        if sample.mode != EncoderSample.RUN:
+        tick, cycle, index, mode, _, position = ENCODER_SAMPLE.unpack(data)
+        if mode != EncoderSample.RUN:
             # a safe stop: the cycle is over, and the next one begins as after power-up
             self._drop()
             return
-        if not self._loaded or sample.cycle != self._message.cycle:
+        if not self._loaded or cycle != self._message.cycle:
             return
-        index = sample.index
         try:
-            voltage, error = self._controller.update(index, sample.position)
+            voltage, error = self._controller.update(index, position)
             if self._excited is not None:
-                voltage = self._excited.drive(index, voltage, sample.position)
+                voltage = self._excited.drive(index, voltage, position)
         except IdentificationError as reason:
-            self._events[self._joints[0]].publish(CycleEvent.STOP, sample.cycle, tick=sample.tick, message=str(reason))
+            self._events[self._joints[0]].publish(CycleEvent.STOP, cycle, tick=tick, message=str(reason))
             return
         except PkmError as refusal:
             self.get_logger().error(f'{self._encoder.topic_name}: {refusal}; not answered')
             return
         self._running = True
-        command = self._command
-        command.tick, command.cycle = sample.tick, sample.cycle
-        command.voltage, command.error, command.feedforward = voltage, error, self._feedforward.item(index)
-        self._command_publisher.publish(command)
+        self._send_command(MOTOR_COMMAND.pack(tick, cycle, voltage, error, self._feedforward.item(index)))
         self._axis_errors[index] = error
         if index + 1 == len(self._axis_errors):
             self._finish_cycle()

@@ -32,7 +32,7 @@ from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
 # [s] how often all the rest gets a turn while ticks flow, and the longest such turn
-_SERVE_EVERY = 0.02
+_SERVE_EVERY = 0.05
 _SERVE_AT_MOST = 0.01
 # [ns] silence after which all the rest is waited for as well
 _QUIET = 300_000

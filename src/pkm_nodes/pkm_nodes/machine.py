@@ -28,6 +28,7 @@ from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.laser import LaserNode
 from pkm_nodes.linear_motor import LinearMotorNode
 from pkm_nodes.node import LAST_VALUE_QOS, PkmNode, run
+from pkm_nodes.tick_messages import MOTOR_COMMAND
 
 # [ticks] /clock goes out at 100 Hz of simulated time: ROS tools need no more, and every node has to take it
 CLOCK_EVERY = 20
@@ -138,14 +139,15 @@ class MachineNode(PkmNode):
         for motor, counts in zip(self._motors, self._plant.counts.tolist(), strict=True):
             motor.publish(self._tick, self._cycle, self._index, mode, counts, counts * self._resolution)
 
-    def _on_command(self, joint, command):
-        if not self._running or command.tick != self._tick or joint not in self._missing:
+    def _on_command(self, joint, data):
+        tick, _, voltage, _, _ = MOTOR_COMMAND.unpack(data)
+        if not self._running or tick != self._tick or joint not in self._missing:
             self._stale[self._joints[joint]] += 1
             return
-        if not math.isfinite(command.voltage):
-            self._complaints[joint] = f'answered with {command.voltage} V; expected a finite voltage'
+        if not math.isfinite(voltage):
+            self._complaints[joint] = f'answered with {voltage} V; expected a finite voltage'
             return
-        self._volts[joint] = command.voltage
+        self._volts[joint] = voltage
         self._missing.discard(joint)
         if not self._missing:
             self._advance()

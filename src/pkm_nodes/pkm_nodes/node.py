@@ -81,8 +81,13 @@ class PkmNode(Node):
             raise ConfigError(f'{self.get_fully_qualified_name()} has unknown parameter(s) {unknown}; known: {known}')
 
     def on_tick_topic(self, message_type, topic, callback, *, raw=False):
-        """Subscribe to a topic of the servo tick: served by the lock-step wait set, before everything else."""
+        """Subscribe to a topic of the servo tick: served before everything else, `raw` as bytes (tick_messages.py)."""
         return self.create_subscription(message_type, topic, callback, TICK_QOS, callback_group=self.hot_group, raw=raw)
+
+    def tick_publisher(self, message_type, topic):
+        """Return a publisher on a topic of the servo tick, and the function that sends bytes on it."""
+        publisher = self.create_publisher(message_type, topic, TICK_QOS)
+        return publisher, publisher.handle.publish_raw  # `publish` would find out every time what it was given
 
 
 def run(make_nodes, args=None, *, spin=spin):

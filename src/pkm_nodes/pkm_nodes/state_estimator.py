@@ -6,6 +6,7 @@ well, only while somebody listens.
 """
 
 import sys
+from functools import partial
 from math import cos, sin
 
 import numpy as np
@@ -21,6 +22,7 @@ from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.conversions import time_of_tick
 from pkm_nodes.markers import LinkMarkers
 from pkm_nodes.node import CYCLE_QOS, PkmNode, run
+from pkm_nodes.tick_messages import ENCODER_SAMPLE
 
 # [ticks] markers go out at 20 Hz of simulated time: they cost more than everything else and are for eyes
 MARKERS_EVERY = 100
@@ -43,14 +45,15 @@ class StateEstimatorNode(PkmNode):
         self._joints_publisher = self.create_publisher(JointState, 'joint_states', CYCLE_QOS)
         self._markers_publisher = self.create_publisher(MarkerArray, 'markers', CYCLE_QOS)
         for i, joint in enumerate(joints):
-            self.on_tick_topic(EncoderSample, f'{joint}/encoder', lambda sample, i=i: self._on_sample(i, sample))
+            self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, i), raw=True)
 
-    def _on_sample(self, joint, sample):
-        if sample.tick % STATES_EVERY:
+    def _on_sample(self, joint, data):
+        tick, _, _, _, _, position = ENCODER_SAMPLE.unpack(data)
+        if tick % STATES_EVERY:
             return
-        if sample.tick != self._tick:
-            self._tick, self._arrived = sample.tick, 0
-        self._positions[joint] = sample.position
+        if tick != self._tick:
+            self._tick, self._arrived = tick, 0
+        self._positions[joint] = position
         self._arrived += 1
         if self._arrived == len(self._positions):
             self._publish()

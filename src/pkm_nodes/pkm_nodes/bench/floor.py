@@ -3,8 +3,8 @@ The bare floor: what the messages of the servo tick cost this middleware when no
 
 One process with the topics of the tick, as many readers on each as the composed cell has, and messages of the same
 size: every tick publishes an encoder sample an axis, waits for and takes all of them, publishes a command an axis,
-waits for and takes all of them. The messages are made beforehand. They go out and in as bytes, the cheapest way there
-is in Python, or as the message objects an ordinary node deals in.
+waits for and takes all of them. The messages are made beforehand. They are the objects nodes deal in, or, which is
+the least that Python can have, the bytes of them.
 """
 
 from itertools import chain

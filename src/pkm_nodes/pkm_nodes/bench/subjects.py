@@ -16,8 +16,8 @@ from pkm_core.machines import load_machine
 MACHINE = 'four_dof'
 # in the order of the table
 SUBJECTS = {
-    'floor': '(a) bare floor, bytes',
-    'objects': '(a) bare floor, message objects',
+    'floor': '(a) bare floor',
+    'bytes': '(a) the same with bytes only',
     'composed': '(b) composed, recorder on',
     'processes': '(c) processes',
     'naive': '(d) processes, naive executor',
@@ -26,7 +26,7 @@ SUBJECTS = {
     'alone': '(b) composed, no recorder',
     'watched': '(b) composed, recorder and page',
 }
-FLOORS = ('floor', 'objects')
+FLOORS = ('floor', 'bytes')
 # those that need a ROS graph of their own
 GRAPHS = (*FLOORS, 'composed', 'processes', 'naive', 'alone', 'watched')
 
@@ -76,7 +76,7 @@ def _make(name, readers):
     if name in FLOORS:
         from pkm_nodes.bench.floor import Floor
 
-        return Floor(len(load_machine(MACHINE).joints), readers, raw=name == 'floor'), {}
+        return Floor(len(load_machine(MACHINE).joints), readers, raw=name == 'bytes'), {}
     if name in ('mujoco', 'simulation'):
         from pkm_nodes.bench.no_ros import Mujoco, Simulation
 

@@ -37,7 +37,7 @@ def ratios(turns):
     """
     pairs = {
         'composed / floor': ('composed', 'floor'),
-        'composed / floor of objects': ('composed', 'objects'),
+        'composed / floor of bytes': ('composed', 'bytes'),
         'processes / naive': ('processes', 'naive'),
         'composed / processes': ('composed', 'processes'),
         'composed / without recorder': ('composed', 'alone'),

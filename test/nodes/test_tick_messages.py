@@ -1,0 +1,26 @@
+"""The bytes of the servo tick are those ROS makes of the messages."""
+
+from math import pi
+
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+from pkm_interfaces.msg import EncoderSample, MotorCommand
+from pkm_nodes.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
+
+SAMPLE = {'tick': 2**40 + 1, 'cycle': 7, 'index': 679, 'mode': 1, 'counts': -(2**33), 'position': -pi / 100}
+COMMAND = {'tick': 2**63, 'cycle': 2**32 - 1, 'voltage': -9.99, 'error': 1.5e-7, 'feedforward': float('inf')}
+CASES = [(ENCODER_SAMPLE, EncoderSample, SAMPLE), (MOTOR_COMMAND, MotorCommand, COMMAND)]
+
+
+@pytest.mark.parametrize(('layout', 'message_type', 'fields'), CASES)
+def test_packed_bytes_are_read_by_ros(layout, message_type, fields):
+    assert list(fields) == list(message_type.get_fields_and_field_types())
+    assert deserialize_message(layout.pack(*fields.values()), message_type) == message_type(**fields)
+
+
+@pytest.mark.parametrize(('layout', 'message_type', 'fields'), CASES)
+def test_bytes_of_ros_are_unpacked_to_plain_numbers(layout, message_type, fields):
+    values = layout.unpack(serialize_message(message_type(**fields)))
+    assert values == tuple(fields.values())
+    assert {type(value) for value in values} == {int, float}
