@@ -149,6 +149,33 @@ class Plant:
         """
         return self._advance(volts, False)
 
+    def run(self, loop, ticks):
+        """
+        Advance by `ticks` in a compiled loop, until the machine has a fault; return by how many it was.
+
+        `loop(arguments, counts, noise, row, substeps, index, stop)` calls plant_tick.advance for `index` to `stop`,
+        each with the next row of the noise, and returns the next index and the event that ended it, or 0.
+
+        Raises
+        ------
+        PkmError
+            If a voltage was not finite.
+
+        """
+        index = event = 0
+        while index < ticks and event == 0:
+            noise, row = self._noise.at(self._index)
+            stop = min(ticks, index + noise.shape[1] - row)
+            done, event = loop(self._arguments, self._arrays.counts, noise, row, self._substeps, index, stop)
+            if event == REFUSED:
+                raise PkmError(f'plant {self.machine.name}: tick {done - 1} of the loop: a voltage is not finite')
+            self._index += done - index
+            self._ticks += done - index
+            index = done
+        if event and self._fault is None:
+            self._fault = self._describe(event - 1)
+        return index
+
     def brake(self, ticks):
         """Yield the reading of each of `ticks` ticks with the motors shorted: the safe stop without any controller."""
         for _ in range(ticks):

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pkm_core.control.controllers import make_controller
+from pkm_core.closed_loop import run_cycle
+from pkm_core.control.controllers import JointControllers, make_controller
 from pkm_core.errors import PkmError
 from pkm_core.laser import Laser, LaserSamples
 from pkm_core.learning.monitor import Monitor
@@ -68,15 +69,13 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
     for cycle in range(cycles):
         controller.load(trajectory, feedforward[cycle])
         plant.start_cycle(cycle + 1)  # the cell counts cycles from 1
-        for index in range(len(trajectory)):
-            counts[cycle, index] = plant.counts
-            measured = counts[cycle, index] * machine.encoder_resolution
-            voltage[cycle, index], error[cycle, index] = controller.update(index, measured)
-            plant.tick(voltage[cycle, index])
-            if watch:
-                watch.observe(cycle * len(trajectory) + index + 1, plant.truth)
-            if plant.fault:
-                raise PkmError(f'cycle {cycle + 1}, sample {index}: {plant.fault}')
+        rows = counts[cycle], voltage[cycle], error[cycle]
+        if watch is None and isinstance(controller, JointControllers):
+            done = run_cycle(plant, controller, *rows)
+        else:
+            done = _run_cycle(plant, controller, *rows, watch, cycle * len(trajectory) + 1)
+        if plant.fault:
+            raise PkmError(f'cycle {cycle + 1}, sample {done - 1}: {plant.fault}')
         if watch:
             seen.append(watch.read())
         metrics.append(
@@ -104,3 +103,16 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
         tuple(notices),
         tuple(seen),
     )
+
+
+def _run_cycle(plant, controller, counts, voltage, error, watch, first):
+    """Do tick by tick what `closed_loop.run_cycle` does, with any controller; a laser watches from tick `first` on."""
+    for index in range(len(counts)):
+        counts[index] = plant.counts
+        voltage[index], error[index] = controller.update(index, counts[index] * plant.machine.encoder_resolution)
+        plant.tick(voltage[index])
+        if watch:
+            watch.observe(first + index, plant.truth)
+        if plant.fault:
+            return index + 1
+    return len(counts)

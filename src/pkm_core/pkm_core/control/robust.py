@@ -80,7 +80,7 @@ def feedforward_gains(gains, model, sample_time):
 
 
 @njit(cache=True)
-def _step(index, measured, reference, feedforward, parameters, state):
+def step(index, measured, reference, feedforward, parameters, state):
     """Advance `state` by one tick and return voltage and error. Layout of both arrays: RobustController.__init__."""
     kp, ki_ts, kd, carry, limit = parameters[0], parameters[1], parameters[2], parameters[3], parameters[4]
     error = reference[index] - measured
@@ -128,7 +128,7 @@ class RobustController:
         self._state = np.empty(7)  # integral, derivative, previous error, lag (2), notch (2)
         self.reset()
         # numba compiles, or loads what it has compiled, at the first call: here, not in the first tick
-        _step(0, 0.0, np.zeros(1), np.zeros(1), self._parameters, self._state.copy())
+        step(0, 0.0, np.zeros(1), np.zeros(1), self._parameters, self._state.copy())
 
     def _take(self, gains):
         self.gains = gains
@@ -210,6 +210,11 @@ class RobustController:
             outputs, state[s] = _matching_stage(old[b], new[b], state[s], outputs, inputs)
             inputs = outputs
 
+    def compiled(self):
+        """Return reference, feedforward, parameters, state, for a compiled loop that calls `step` on all samples."""
+        self._next = self._samples
+        return self._reference, self._feedforward, self._parameters, self._state
+
     def update(self, index, measured):
         """
         Return voltage [V] and error r - y [m] for sample `index` of the loaded cycle and the `measured` position [m].
@@ -225,7 +230,7 @@ class RobustController:
         if not 0 <= index < self._samples:
             raise PkmError(f'sample {index}: the loaded cycle has {self._samples} samples, counted from 0')
         self._next = index + 1
-        return _step(index, measured, self._reference, self._feedforward, self._parameters, self._state)
+        return step(index, measured, self._reference, self._feedforward, self._parameters, self._state)
 
 
 def _matching_stage(old, new, state, old_inputs, new_inputs):
