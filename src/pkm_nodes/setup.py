@@ -21,6 +21,7 @@ setup(
     version='0.1.0',
     description='The rclpy nodes of the parallel-manipulator cell: thin shells on pkm_core.',
     packages=find_packages(),
+    package_data={'pkm_nodes': ['fastdds.xml']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/pkm_nodes']),
         ('share/pkm_nodes', ['package.xml']),
