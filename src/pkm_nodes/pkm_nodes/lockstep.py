@@ -31,13 +31,14 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
-# [s] how often all the rest gets a turn while ticks flow, and the longest such turn
+# [s] how often all the rest gets a turn while ticks flow, and the most of the time that such turns may take: on a
+# computer that is short of time a turn takes long, and the next one comes later
 _SERVE_EVERY = 0.05
-_SERVE_AT_MOST = 0.01
+_SERVE_SHARE = 0.05
 # [ns] silence after which all the rest is waited for as well
 _QUIET = 300_000
-# [s] how often patient subscriptions are emptied: some ten ticks of the thousand they hold
-_EMPTY_EVERY = 0.002
+# [s] how often patient subscriptions are emptied: some 20 ticks of the thousand they hold
+_EMPTY_EVERY = 0.005
 # messages taken from one of them at a time, so that a fast publisher cannot keep the others waiting
 _EMPTY_AT_MOST = 1000
 # [s] how often quality-of-service events are looked at, and the longest sleep
@@ -162,17 +163,16 @@ class LockstepExecutor(Executor):
                 return
             timeout = _QUIET
             if now > serve_at:
-                while self._serve(self._rest, 0) and perf_counter() < now + _SERVE_AT_MOST:
-                    pass
-                serve_at = perf_counter() + _SERVE_EVERY
+                self._serve(self._rest, 0)
+                end = perf_counter()
+                serve_at = end + max(_SERVE_EVERY, (end - now) / _SERVE_SHARE)
 
     def _serve(self, waiting, timeout):
-        """Wait for up to `timeout` [ns] and serve who is ready then; tell whether anybody was."""
+        """Wait for up to `timeout` [ns] and serve who is ready then, each once."""
         ready = waiting.wait(timeout)
         with self._tasks_lock:
             self._tasks += [(Task(_execute, pair, executor=self), None, None) for pair in ready]
         self._run_tasks()
-        return bool(ready)
 
     def _run_tasks(self):
         """Run what was begun as long as something gets done: callbacks, coroutines, and what futures call then."""

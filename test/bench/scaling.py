@@ -1,0 +1,189 @@
+"""
+How the cost of a composed cell grows: with the number of cells on one computer, and with the servo rate.
+
+    .venv/bin/python test/bench/scaling.py --figure docs/scaling.png --json runs/scaling.json
+
+Cells live in namespaces of one ROS domain, each a process of its own with its own client, and all of them run at once.
+The rate is the machine's sample time: the same motion in more ticks.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from pkm_core.config import config_folder
+
+CELLS = (1, 2, 4, 8, 16)
+RATES = (1, 2, 4, 8)  # kHz
+MACHINE = 'four_dof'
+_SECOND = 1_000_000_000  # ns
+
+
+class Worker:
+    """A cell in a namespace with its client, in processes of their own."""
+
+    def __init__(self, namespace, machine):
+        remaps = ['--ros-args', '-r', f'__ns:=/{namespace}']
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, '--serve', namespace, machine, *remaps],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def ask(self, cycles):
+        """Let the cell run."""
+        self._process.stdin.write(f'{cycles}\n')
+        self._process.stdin.flush()
+
+    def answer(self):
+        """Return what the cell says: the list of its cycles."""
+        line = self._process.stdout.readline()
+        if not line:
+            raise RuntimeError(f'a cell has ended with code {self._process.wait()}')
+        return json.loads(line)
+
+    def close(self):
+        """End the cell."""
+        self._process.stdin.close()
+        self._process.wait()
+
+
+def serve(namespace, machine):
+    """Be the client of a cell: run as many cycles as every line of the standard input says."""
+    from pkm_core.machines import load_machine
+    from pkm_core.motions import default_motion
+    from pkm_nodes.bench.cells import TimedClient
+    from pkm_nodes.processes import CellProcesses
+
+    class NamedCell(CellProcesses):
+        """A cell in a namespace, with a clock of its own."""
+
+        def command(self, executable):
+            remaps = ('--ros-args', '-r', f'__ns:=/{namespace}', '-r', f'/clock:=/{namespace}/clock', '--')
+            return [*super().command(executable), *remaps]
+
+    motion = default_motion(load_machine(machine))
+    with (
+        tempfile.TemporaryDirectory(prefix='pkm_scaling_') as folder,
+        NamedCell(machine, 'composed', seed=1, environment='nominal', folder=folder) as cell,
+        TimedClient() as client,
+    ):
+        client.wait_until_up(cell.check)
+        print(json.dumps([]), flush=True)
+        for line in sys.stdin:
+            client.execute(motion, int(line), 'none', cell.check, lambda feedback: None)
+            print(json.dumps(client.take_cycles()), flush=True)
+
+
+def ticks_per_second(machine, cells, cycles):
+    """Return the ticks of all cells per second while all of them run `cycles` cycles at once."""
+    with ExitStack() as stack:
+        workers = [Worker(f'cell{number}', machine) for number in range(cells)]
+        for worker in workers:
+            stack.callback(worker.close)
+        for worker in workers:
+            worker.answer()
+        for amount in (1, cycles):  # one to warm up
+            for worker in workers:
+                worker.ask(amount)
+            steps = [worker.answer() for worker in workers]
+        # from where all of them run to where the first one is done
+        begin = max(cycles_of_cell[0]['started'] for cycles_of_cell in steps)
+        end = min(cycles_of_cell[-1]['finished'] for cycles_of_cell in steps)
+        return sum(
+            cycle['samples'] * _overlap(cycle, begin, end) / (cycle['finished'] - cycle['started'])
+            for cycles_of_cell in steps
+            for cycle in cycles_of_cell
+        ) / ((end - begin) / _SECOND)
+
+
+def _overlap(cycle, begin, end):
+    """Return how many nanoseconds of a cycle are between `begin` and `end`."""
+    return max(0, min(cycle['finished'], end) - max(cycle['started'], begin))
+
+
+def machine_at(rate, folder):
+    """Return a machine file like MACHINE with another servo rate [kHz]."""
+    text = (config_folder() / 'machines' / f'{MACHINE}.yaml').read_text()
+    line = next(line for line in text.splitlines() if line.startswith('sample_time:'))
+    file = Path(folder) / f'{rate}_kHz' / f'{MACHINE}.yaml'
+    file.parent.mkdir()
+    file.write_text(text.replace(line, f'sample_time: {1e3 / rate:g} us'))
+    return str(file)
+
+
+def draw(cells, rates, file):
+    """Draw both tables."""
+    import matplotlib as mpl
+
+    mpl.use('Agg')
+    from matplotlib import pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout='constrained')
+    left.plot(cells.keys(), cells.values(), 'o-', label='all cells')
+    left.plot(cells.keys(), [speed / count for count, speed in cells.items()], 's--', label='each')
+    left.set(xlabel='cells on one computer', ylabel='ticks per second', xscale='log', yscale='log')
+    left.set_xticks(CELLS, [str(count) for count in CELLS])
+    left.legend()
+    right.plot(rates.keys(), [speed / (1e3 * rate) for rate, speed in rates.items()], 'o-')
+    right.axhline(1.0, color='grey', linewidth=0.8)
+    right.set(xlabel='servo rate [kHz]', ylabel='x real time', xscale='log', yscale='log')
+    right.set_xticks(RATES, [str(rate) for rate in RATES])
+    for axes in (left, right):
+        axes.minorticks_off()
+        axes.grid(which='both', alpha=0.3)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=120)
+
+
+def main():
+    """Measure, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--cycles', type=int, default=4, help='a cell and measurement')
+    parser.add_argument('--turns', type=int, default=3, help='the best of so many counts')
+    parser.add_argument('--figure', type=Path)
+    parser.add_argument('--json', type=Path)
+    arguments = parser.parse_args()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    cells, rates = dict.fromkeys(CELLS, 0.0), dict.fromkeys(RATES, 0.0)
+    with tempfile.TemporaryDirectory() as folder:
+        machines = {rate: machine_at(rate, folder) for rate in RATES}
+        for _ in range(arguments.turns):
+            for count in CELLS:
+                cells[count] = max(cells[count], ticks_per_second(MACHINE, count, arguments.cycles))
+            for rate in RATES:
+                rates[rate] = max(rates[rate], ticks_per_second(machines[rate], 1, arguments.cycles))
+    table = Table(title=f'composed cells, best of {arguments.turns}')
+    for heading in ('cells', 'ticks/s of all', 'of each', '', 'servo rate [kHz]', 'ticks/s', 'x real time'):
+        table.add_column(heading.replace('[', r'\['), justify='right')
+    for row in range(max(len(CELLS), len(RATES))):
+        left = right = ('', '', '')
+        if row < len(CELLS):
+            count = CELLS[row]
+            left = (f'{count}', f'{cells[count]:.0f}', f'{cells[count] / count:.0f}')
+        if row < len(RATES):
+            rate = RATES[row]
+            right = (f'{rate}', f'{rates[rate]:.0f}', f'{rates[rate] / (1e3 * rate):.2f}')
+        table.add_row(*left, '', *right)
+    Console().print(table)
+    if arguments.figure:
+        draw(cells, rates, arguments.figure)
+    if arguments.json:
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        arguments.json.write_text(json.dumps({'cells': cells, 'rates_khz': rates}, indent=2) + '\n')
+
+
+if __name__ == '__main__':
+    if sys.argv[1:2] == ['--serve']:
+        serve(*sys.argv[2:4])
+    else:
+        main()
