@@ -3,7 +3,8 @@ How the cost of a composed cell grows: with the number of cells on one computer,
 
     .venv/bin/python test/bench/scaling.py --figure docs/scaling.png --json runs/scaling.json
 
-Cells live in namespaces of one ROS domain, each a process of its own with its own client, and all of them run at once.
+Cells live in namespaces of one ROS domain, each a process of its own with its own client, and all of them run at once;
+a discovery server tells everybody only of what concerns him.
 The rate is the machine's sample time: the same motion in more ticks.
 """
 
@@ -13,7 +14,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from rich.console import Console
@@ -25,15 +26,15 @@ CELLS = (1, 2, 4, 8, 16)
 RATES = (1, 2, 4, 8)  # kHz
 MACHINE = 'four_dof'
 _SECOND = 1_000_000_000  # ns
+_PORT = 11873  # of the discovery server
 
 
 class Worker:
     """A cell in a namespace with its client, in processes of their own."""
 
     def __init__(self, namespace, machine):
-        remaps = ['--ros-args', '-r', f'__ns:=/{namespace}']
         self._process = subprocess.Popen(
-            [sys.executable, __file__, '--serve', namespace, machine, *remaps],
+            [sys.executable, __file__, '--serve', namespace, machine],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -64,18 +65,11 @@ def serve(namespace, machine):
     from pkm_nodes.bench.cells import TimedClient
     from pkm_nodes.processes import CellProcesses
 
-    class NamedCell(CellProcesses):
-        """A cell in a namespace, with a clock of its own."""
-
-        def command(self, executable):
-            remaps = ('--ros-args', '-r', f'__ns:=/{namespace}', '-r', f'/clock:=/{namespace}/clock', '--')
-            return [*super().command(executable), *remaps]
-
     motion = default_motion(load_machine(machine))
     with (
         tempfile.TemporaryDirectory(prefix='pkm_scaling_') as folder,
-        NamedCell(machine, 'composed', seed=1, environment='nominal', folder=folder) as cell,
-        TimedClient() as client,
+        CellProcesses(machine, 'composed', namespace=namespace, seed=1, environment='nominal', folder=folder) as cell,
+        TimedClient(namespace) as client,
     ):
         client.wait_until_up(cell.check)
         print(json.dumps([]), flush=True)
@@ -84,26 +78,48 @@ def serve(namespace, machine):
             print(json.dumps(client.take_cycles()), flush=True)
 
 
-def ticks_per_second(machine, cells, cycles):
+def ticks_per_second(workers, cycles):
     """Return the ticks of all cells per second while all of them run `cycles` cycles at once."""
+    for worker in workers:
+        worker.ask(cycles)
+    steps = [worker.answer() for worker in workers]
+    # from where all of them run to where the first one is done
+    begin = max(cycles_of_cell[0]['started'] for cycles_of_cell in steps)
+    end = min(cycles_of_cell[-1]['finished'] for cycles_of_cell in steps)
+    ticks = sum(
+        cycle['samples'] * _overlap(cycle, begin, end) / (cycle['finished'] - cycle['started'])
+        for cycles_of_cell in steps
+        for cycle in cycles_of_cell
+    )
+    return ticks * _SECOND / (end - begin)
+
+
+def measure(machine, counts, turns, cycles):
+    """Return {cells: ticks/s of all of them}, the best of the turns, while the number of cells grows."""
+    speeds = {}
     with ExitStack() as stack:
-        workers = [Worker(f'cell{number}', machine) for number in range(cells)]
-        for worker in workers:
-            stack.callback(worker.close)
-        for worker in workers:
-            worker.answer()
-        for amount in (1, cycles):  # one to warm up
-            for worker in workers:
-                worker.ask(amount)
-            steps = [worker.answer() for worker in workers]
-        # from where all of them run to where the first one is done
-        begin = max(cycles_of_cell[0]['started'] for cycles_of_cell in steps)
-        end = min(cycles_of_cell[-1]['finished'] for cycles_of_cell in steps)
-        return sum(
-            cycle['samples'] * _overlap(cycle, begin, end) / (cycle['finished'] - cycle['started'])
-            for cycles_of_cell in steps
-            for cycle in cycles_of_cell
-        ) / ((end - begin) / _SECOND)
+        workers = []
+        for count in counts:
+            while len(workers) < count:
+                workers.append(Worker(f'/cell{len(workers)}', machine))
+                stack.callback(workers[-1].close)
+                workers[-1].answer()
+                ticks_per_second(workers[-1:], 1)  # warm
+            speeds[count] = max(ticks_per_second(workers, cycles) for _ in range(turns))
+    return speeds
+
+
+@contextmanager
+def discovery_server():
+    """Run a discovery server: without, every cell would learn of every endpoint of every other one."""
+    command = [Path(sys.prefix) / 'bin' / 'fast-discovery-server', '-i', '0', '-l', '127.0.0.1', '-p', str(_PORT)]
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    os.environ['ROS_DISCOVERY_SERVER'] = f'127.0.0.1:{_PORT}'
+    try:
+        yield
+    finally:
+        server.terminate()
+        server.wait()
 
 
 def _overlap(cycle, begin, end):
@@ -154,14 +170,9 @@ def main():
     parser.add_argument('--json', type=Path)
     arguments = parser.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    cells, rates = dict.fromkeys(CELLS, 0.0), dict.fromkeys(RATES, 0.0)
-    with tempfile.TemporaryDirectory() as folder:
-        machines = {rate: machine_at(rate, folder) for rate in RATES}
-        for _ in range(arguments.turns):
-            for count in CELLS:
-                cells[count] = max(cells[count], ticks_per_second(MACHINE, count, arguments.cycles))
-            for rate in RATES:
-                rates[rate] = max(rates[rate], ticks_per_second(machines[rate], 1, arguments.cycles))
+    with tempfile.TemporaryDirectory() as folder, discovery_server():
+        cells = measure(MACHINE, CELLS, arguments.turns, arguments.cycles)
+        rates = {rate: measure(machine_at(rate, folder), [1], arguments.turns, arguments.cycles)[1] for rate in RATES}
     table = Table(title=f'composed cells, best of {arguments.turns}')
     for heading in ('cells', 'ticks/s of all', 'of each', '', 'servo rate [kHz]', 'ticks/s', 'x real time'):
         table.add_column(heading.replace('[', r'\['), justify='right')
@@ -184,6 +195,6 @@ def main():
 
 if __name__ == '__main__':
     if sys.argv[1:2] == ['--serve']:
-        serve(*sys.argv[2:4])
+        serve(*sys.argv[2:])
     else:
         main()
