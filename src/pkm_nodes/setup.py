@@ -39,6 +39,7 @@ setup(
         'pkm.verbs': [
             'bench = pkm_nodes.bench.verb:bench',
             'bag-play = pkm_nodes.bag_play:bag_play',
+            'commission = pkm_nodes.commission:commission',
             'identify-cell = pkm_nodes.identify_cell:identify_cell',
             'page = pkm_nodes.page_verb:page',
             'parameters = pkm_nodes.parameters:parameters',

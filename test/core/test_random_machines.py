@@ -3,9 +3,11 @@
 import os
 
 import numpy as np
+import pytest
 
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
+from pkm_core.errors import ConfigError
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
 from pkm_core.motions import load_motion, plan
@@ -53,3 +55,9 @@ def test_study_tells_every_machine_by_cycle():
     assert found.error[0, 0] != found.error[1, 0]
     assert (found.error[:, 2] < found.error[:, 0]).all()
     np.testing.assert_array_equal(found.converged(1), found.error[:, 2])
+
+
+def test_unknown_environment_is_refused_by_name():
+    refusal = "environment 'storm' is unknown; known: .*'nominal'"
+    with pytest.raises(ConfigError, match=refusal), random_machine(MACHINE, 1, 'storm'):
+        pass

@@ -29,8 +29,10 @@ IDENTIFICATION = tuple(
     for path in sorted((Path(pkm_core.__file__).parent / 'identification').glob('*.py'))
     if path.stem not in SIMULATED | {'__init__'}
 )
+COMMISSIONING = ('excited_axis', 'plan', 'fits', 'measured', 'candidates', 'commission')
 CONTROLLERS = (  # what holds every controller and law, and what they are fed with
     *('pkm_core.control.controllers', 'pkm_core.learning', *IDENTIFICATION),
+    *(f'pkm_core.commissioning.{name}' for name in COMMISSIONING),
     *('pkm_core.motions', 'pkm_core.trajectory', 'pkm_core.machines'),
 )
 READS_TRUTH = re.compile(r'from pkm_core(\.truth import| import .*\btruth\b)|import pkm_core\.truth|["\']truth["\']')

@@ -16,6 +16,7 @@ import yaml
 from pydantic import TypeAdapter
 
 from pkm_core.config import Frequency, Number, config_folder, read_yaml
+from pkm_core.errors import ConfigError
 from pkm_core.simulation import run_cycles
 
 GAIN = 0.2  # half width of the uniform spread of every axis's thrust
@@ -65,7 +66,10 @@ def random_machine(machine, seed, environment='nominal'):
     """Make every plant of `machine` that is built within a random one; the same `seed` gives the same."""
     draw = np.random.default_rng(seed)
     original = config_folder()
-    truth = read_yaml(original / 'truth' / f'{machine.name}.yaml')
+    path = original / 'truth' / f'{machine.name}.yaml'
+    truth = read_yaml(path)
+    if environment not in truth['environments']:
+        raise ConfigError(f'{path}: environment {environment!r} is unknown; known: {sorted(truth["environments"])}')
     for axis in truth['axes'].values():
         axis['gain_error'] = f'{100 * draw.uniform(-GAIN, GAIN)} %'
         for mode in axis['modes']:

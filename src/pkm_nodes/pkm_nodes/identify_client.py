@@ -7,7 +7,7 @@ from rclpy.action import ActionClient
 
 from pkm_core.errors import PkmError
 from pkm_interfaces.action import Identify
-from pkm_nodes.client import CellClient
+from pkm_nodes.client import CellClient, CycleLog
 
 # [s, wall] to find the action server in a cell that is up, and for its answer to a goal
 _ANSWER_TIMEOUT = 30.0
@@ -26,6 +26,11 @@ class IdentifyClient(CellClient):
     def __exit__(self, *arguments):
         self._identify.destroy()
         super().__exit__(*arguments)
+
+    def execute(self, *arguments):
+        """As `CellClient.execute`, its account without cycles of an identification or motion before."""
+        self._log = CycleLog()
+        return super().execute(*arguments)
 
     def identify(self, goal, check, on_feedback):
         """

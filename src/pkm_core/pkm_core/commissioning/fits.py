@@ -9,6 +9,17 @@ import numpy as np
 from pkm_core.machines import load_machine
 
 
+def fit_records(system, joint, records, models, control, band, folder):
+    """Return the `AxisIdentification` of a joint from `JointRecord` objects, its pictures drawn into `folder`."""
+    from pkm_core.bags import writable_folder
+    from pkm_core.identification.figures import draw_identification
+    from pkm_core.identification.identify import identify_joint
+
+    found = identify_joint(system, joint, records, models, control, band=band)
+    draw_identification(writable_folder(folder), system, {joint: found})
+    return found
+
+
 def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
     """
     Return (AxisIdentification, warnings) of a joint from bags of its experiments.
@@ -36,10 +47,7 @@ def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
         If a bag cannot be read, a fit refuses its data, or the folder cannot be written.
 
     """
-    from pkm_core.bags import writable_folder
     from pkm_core.identification.bag_data import read_cell_bag
-    from pkm_core.identification.figures import draw_identification
-    from pkm_core.identification.identify import identify_joint
 
     system = load_machine(machine)
     records, warnings = [], []
@@ -47,8 +55,7 @@ def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
         record, notes = read_cell_bag(system, bag, namespace)
         records.append(record)
         warnings += notes
-    found = identify_joint(system, joint, records, models, control, band=band)
-    draw_identification(writable_folder(folder), system, {joint: found})
+    found = fit_records(system, joint, records, models, control, band, folder)
     return found, [*warnings, *found.warnings]
 
 

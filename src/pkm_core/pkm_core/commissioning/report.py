@@ -1,0 +1,153 @@
+"""What a commissioning has to tell: tables for the console and one HTML page, which needs nothing beside itself."""
+
+import base64
+import html
+from io import BytesIO
+
+import numpy as np
+
+from pkm_core.commissioning.measured import measured_loop
+from pkm_core.control.margin_plots import draw_nyquist
+from pkm_core.control.margins import unit_circle
+from pkm_core.control.systems import plant_system
+from pkm_core.design.figures import new_figure
+from pkm_core.provenance import git_revision
+from pkm_core.reporting.page import figure_fragment, page, remark_fragment, table_fragment
+from pkm_core.reporting.tables import Table
+
+
+def verdict(story):
+    """Return what became of it, a sentence or more."""
+    if story.accepted:
+        return ['The new gains have passed the acceptance move and are kept.']
+    return ['The new gains are not kept; model and gains are as they were found, because:', *story.reasons]
+
+
+def error_table(machine, story):
+    """Return the table of largest dynamic errors [um] and settling times [ms] of the moves, a row an axis."""
+    moves = {
+        'as found': story.as_found[:1],
+        'acceptance': story.tuned[:1],
+        'old gains again': story.restored[:1],
+        f'learned, cycle {len(story.learned)}': story.learned[-1:],
+    }
+    moves = {name: cycles[0] for name, cycles in moves.items() if cycles}
+    rows = [
+        [joint, *(f'{1e6 * metrics[axis].max_dynamic_error:.1f}' for metrics in moves.values()),
+         *(_or_never(1e3 * metrics[axis].settling_time_5um) for metrics in moves.values())]
+        for axis, joint in enumerate(machine.joints)
+    ]  # fmt: skip
+    headings = [*(f'{name} [um]' for name in moves), *(f'{name}: to 5 um [ms]' for name in moves)]
+    return Table('Largest dynamic error and settling time of the motion', ['axis', *headings], rows)
+
+
+def model_table(story):
+    """Return the table of the models, believed and identified."""
+    rows = []
+    for joint, model in story.models.items():
+        for name, each in (('believed', story.believed[joint]), ('identified', model)):
+            modes = '  '.join(f'{mode.resonance:.1f} / {mode.antiresonance:.1f}' for mode in each.modes)
+            rows.append([joint if name == 'believed' else '', name, f'{each.gain:.4f}', f'{each.viscosity:.2f}', modes])
+    headings = ['axis', '', 'K [m/s²/V]', 'a [1/s]', 'resonance / anti-resonance [Hz]']
+    return Table('Models K/(s (s + a)) H(s)', headings, rows)
+
+
+def candidate_table(story):
+    """Return the table of candidates with their costs; one of each axis is recommended."""
+    rows = []
+    for joint, candidates in story.candidates.items():
+        for number, each in enumerate(candidates):
+            cells = (f'{m.gain_margin:.1f} / {m.phase_margin:.0f} / {m.peak_sensitivity:.2f}'
+                     for m in (each.margins, each.worst))  # fmt: skip
+            remark = 'recommended' if each.recommended else ''
+            remark = '; '.join(filter(None, [remark, each.beyond and f'beyond: {", ".join(each.beyond)}']))
+            rows.append(['' if number else joint, each.name, f'{each.objective:.3f}', *cells, remark])
+    headings = ['axis', 'candidate', 'cost J', 'GM dB / PM deg / Smax', 'the same, perturbed', '']
+    return Table('Candidates on the identified models', headings, rows)
+
+
+def measured_table(story):
+    """Return the table of margins of the recommended gains on the measured responses."""
+    rows = []
+    for joint, found in story.measured.items():
+        for number, response in enumerate(story.identified.responses[joint]):
+            margins = found[response.name]
+            place, first = f'{1e3 * response.position:.1f}', joint if number == 0 else ''
+            figures = (margins.gain_margin, margins.phase_margin, margins.peak_sensitivity, margins.crossover)
+            rows.append([first, place, *(f'{value:.2f}' for value in figures)])
+    headings = ['axis', 'measured at [mm]', 'GM [dB]', 'PM [deg]', 'Smax', '|L| = 1 [Hz]']
+    return Table('Recommended gains on the measured responses', headings, rows)
+
+
+def write_page(path, machine, story, facts):
+    """
+    Write the report of a `Commissioning` to `path`.
+
+    `facts` is a dict of what ran, for the head of the page; pictures of the identification are taken from beside its
+    model file.
+    """
+    table = Table('', ['', ''], [[name, str(value)] for name, value in facts.items()])
+    revision = remark_fragment(f'written by pkm commission, revision {git_revision()}')
+    sections = [
+        ('Outcome', [*(f'<p>{html.escape(text)}</p>' for text in verdict(story)),
+                     table_fragment(error_table(machine, story)), table_fragment(table), revision]),
+        ('Identification', [table_fragment(model_table(story)), *map(remark_fragment, story.identified.warnings)]),
+        ('Gains', [table_fragment(candidate_table(story)), table_fragment(measured_table(story))]),
+    ]  # fmt: skip
+    if story.measured:
+        sections[-1][1].append(_svg(_loops(machine, story), _LOOPS))
+    if story.learned:
+        sections.append(
+            ('Learning', [_svg(_learning(machine, story), 'Largest dynamic error of each axis over cycles.')])
+        )
+    pictures = sorted(story.identified.model_file.parent.glob('*.png'))
+    sections.append(('Measurements', [_png(picture) for picture in pictures]))
+    path.write_text(page(f'{machine.name}: commissioning', sections), encoding='utf-8')
+
+
+_LOOPS = (
+    'L near -1 with the recommended gains: on the identified model (line), and on the responses measured at every '
+    'position of the motor pair (dots).'
+)
+
+
+def _loops(machine, story):
+    figure = new_figure(4.2 * len(story.measured), 4.2)
+    for axes, joint in zip(np.atleast_1d(figure.subplots(1, len(story.measured))), story.measured, strict=True):
+        gains = next(each.gains for each in story.candidates[joint] if each.recommended)
+        model, responses = story.models[joint], story.identified.responses[joint]
+        frequency = np.geomspace(20.0, 0.499 / machine.sample_time, 2000)
+        z = unit_circle(frequency, machine.sample_time)
+        draw_nyquist(axes, gains.response(z, machine.sample_time) * plant_system(model, machine.sample_time)(z))
+        for response in responses:
+            measured, loop = measured_loop(gains, model, response, machine.sample_time)
+            loop = loop[measured >= response.frequency[0]]
+            axes.plot(loop.real, loop.imag, '.', color='k', markersize=2)
+        axes.set_title(joint)
+    return figure
+
+
+def _learning(machine, story):
+    figure = new_figure(7.0, 4.0)
+    axes = figure.subplots()
+    errors = 1e6 * np.array([[axis.max_dynamic_error for axis in cycle] for cycle in story.learned])
+    axes.semilogy(np.arange(1, len(errors) + 1), errors, '.-', label=machine.joints)
+    axes.set(xlabel='cycle', ylabel='largest dynamic error [um]')
+    axes.grid(which='both', alpha=0.3)
+    axes.legend()
+    return figure
+
+
+def _svg(figure, caption):
+    stream = BytesIO()
+    figure.savefig(stream, format='svg', metadata={'Date': None})
+    return figure_fragment(stream.getvalue(), caption)
+
+
+def _png(path):
+    data = base64.b64encode(path.read_bytes()).decode()
+    return f'<figure><img alt="{path.stem}" src="data:image/png;base64,{data}"></figure>\n'
+
+
+def _or_never(value):
+    return 'never' if np.isnan(value) else f'{value:.1f}'

@@ -1,0 +1,63 @@
+"""The bench of `commission` without ROS: the objects of the nodes, called in their order, so with the same bits."""
+
+from pkm_core.commissioning.commission import Identified
+from pkm_core.commissioning.fits import fit_records, write_results
+from pkm_core.commissioning.measured import MeasuredResponse
+from pkm_core.commissioning.plan import Request, plan
+from pkm_core.control.model import load_model
+from pkm_core.control.robust import load_control
+from pkm_core.identification.loop import SimulatedCell
+from pkm_core.learning import make_law
+from pkm_core.simulation import run_cycles
+
+
+class SimulatedBench:
+    """
+    A simulated machine that is switched on anew by every experiment.
+
+    Parameters
+    ----------
+    machine : Machine
+        What is simulated.
+    trajectory : SampledTrajectory
+        The motion, in joints.
+    seed, environment : int, str
+        Of the plant.
+    folder : Path
+        Takes models and pictures.
+
+    """
+
+    def __init__(self, machine, trajectory, *, seed, environment, folder):
+        self._machine, self._trajectory, self._folder = machine, trajectory, folder
+        self._seed, self._environment = seed, environment
+
+    def start(self, name):
+        """Nothing runs between experiments, and each reads the files that are installed then."""
+
+    def identify(self, on_step):
+        """Return the `Identified` axes."""
+        machine, request = self._machine, Request()
+        models, control = load_model(machine), load_control(machine)
+        plans = plan(machine, request, models, control)
+        cell = SimulatedCell(machine, control, self._seed, self._environment)
+        found, folder, steps, done = {}, self._folder / 'identified', sum(map(len, plans.values())), 0
+        for joint, experiments in plans.items():
+            records = []
+            for experiment in experiments:
+                on_step(f'identifying: {experiment.name}', done / steps)
+                records.append(cell.run(experiment))
+                done += 1
+            found[joint] = fit_records(machine, joint, records, models, control, request.sweep().band, folder)
+        return Identified(
+            write_results(folder, machine.name, found, models, 'pkm commission'),
+            {joint: [MeasuredResponse.of(each) for each in axis.responses] for joint, axis in found.items()},
+            [warning for axis in found.values() for warning in axis.warnings],
+        )
+
+    def move(self, cycles, law, on_step):
+        """Return the metrics of `cycles` cycles of the motion."""
+        machine, control = self._machine, load_control(self._machine)
+        learning = None if law == 'none' else make_law(law, machine, control)
+        records = run_cycles(machine, self._trajectory, control, learning, cycles, self._seed, self._environment)
+        return [list(cycle) for cycle in records.metrics]

@@ -1,0 +1,77 @@
+"""The bench of `commission` in the graph: a cell of real nodes around the simulated machine."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from pkm_core.commissioning.commission import Identified
+from pkm_core.commissioning.measured import MeasuredResponse
+from pkm_core.commissioning.plan import Request
+from pkm_core.records import read_cycle
+from pkm_nodes.identify_cell import goal_of
+from pkm_nodes.identify_client import IdentifyClient
+from pkm_nodes.processes import CellProcesses
+
+
+class CellBench:
+    """
+    A cell that runs the files installed when it was started last; use it in a ``with`` block.
+
+    Parameters
+    ----------
+    machine, motion : str
+        Name or file.
+    arrangement, seed, environment
+        As for `CellProcesses`.
+    folder : Path
+        Gets a folder a start: bags, models, what the processes print.
+
+    """
+
+    def __init__(self, machine, motion, arrangement, *, seed, environment, folder):
+        self._name, self._motion, self._folder = machine, motion, Path(folder)
+        self._options = {'arrangement': arrangement, 'seed': seed, 'environment': environment}
+        self._stack = ExitStack()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._stack.close()
+
+    def start(self, name):
+        """Start the cell, or start it again, for its nodes to take up what is installed."""
+        self._stack.close()
+        self._processes = self._stack.enter_context(
+            CellProcesses(self._name, folder=self._folder / name, **self._options)
+        )
+        self._client = self._stack.enter_context(IdentifyClient())
+        self._client.wait_until_up(self._processes.check)
+
+    def identify(self, on_step):
+        """Return the `Identified` axes."""
+
+        def on_feedback(feedback):
+            on_step(f'identifying: {feedback.experiment or "fits"}', feedback.progress)
+
+        result = self._client.identify(goal_of(Request()), self._processes.check, on_feedback)
+        responses = {fit.joint: [_response(each) for each in fit.responses] for fit in result.fits}
+        return Identified(Path(result.model_file), responses, list(result.warnings))
+
+    def move(self, cycles, law, on_step):
+        """Return the metrics of `cycles` cycles of the motion."""
+
+        def on_feedback(feedback):
+            worst = 1e6 * max(feedback.max_dynamic_error)
+            on_step(f'{self._motion}, law {law}: worst axis {worst:.1f} um', feedback.cycle / cycles)
+
+        log = self._client.execute(self._motion, cycles, law, self._processes.check, on_feedback)
+        return [read_cycle(path).metrics() for path in log.bags]
+
+
+def _response(message):
+    """Return the `MeasuredResponse` of an AxisResponse message."""
+    plant = np.array(message.real) + 1j * np.array(message.imag)
+    frequency, coherence = np.array(message.frequency), np.array(message.coherence)
+    return MeasuredResponse(message.name, message.position, frequency, plant, coherence)

@@ -1,0 +1,90 @@
+"""`pkm commission`: an unknown machine taken to a learned motion on the real graph, or given back as it was."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pkm_core.config import config_folder
+from pkm_core.records import read_cycle
+
+DOMAIN = 92
+PKM = Path(sys.prefix) / 'bin' / 'pkm'
+
+
+@pytest.fixture(scope='module')
+def tuning(tmp_path_factory):
+    """Return a file that asks for what config/tuning/robust.yaml asks, of a search that ends in seconds."""
+    text = (config_folder() / 'tuning' / 'robust.yaml').read_text()
+    for whole, part in (('population: 100', 'population: 40'), ('generations: 160', 'generations: 30')):
+        assert whole in text
+        text = text.replace(whole, part)
+    path = tmp_path_factory.mktemp('tuning') / 'quick.yaml'
+    path.write_text(text)
+    return path
+
+
+def commission(processes, tuning, *options):
+    out = processes.folder / 'out'
+    command = (PKM, 'commission', '--machine', 'planar', '--specimen', 3, '--tuning', tuning, '--out', out)
+    return processes.run(*command, *options, timeout=900), out  # a minute on an idle machine
+
+
+def test_unknown_machine_is_taken_to_a_learned_motion_in_the_graph(processes, tuning):
+    done, out = commission(processes, tuning, '--cycles', 4)
+    assert done.returncode == 0, done.stdout + done.stderr
+    results = json.loads((out / 'results.json').read_text())
+    assert results['accepted'], results['reasons']
+    errors = results['max_dynamic_error_um']
+    found, tuned = (max(errors[name][0].values()) for name in ('as_found', 'tuned'))
+    assert max(errors['learned'][-1].values()) < 0.3 * tuned < tuned < found
+    assert 'recommended' in done.stdout
+    assert 'as found' in done.stdout
+    assert '<svg' not in (out / 'report.html').read_text()  # figures are images of their own
+    assert len(list((out / 'as_found' / 'bags').iterdir())) == 1 + 2 * 4  # the motion, and every experiment
+    assert len(list((out / 'tuned' / 'bags').iterdir())) == 1 + 4
+
+    # what is left behind runs on: the same machine under the same gains makes the acceptance move again
+    again = subprocess.run(
+        [PKM, 'run', '--machine', 'planar', '--cycles', '1', '--law', 'none', '--out', str(out / 'again')],
+        env=processes.environment | {'PKM_CONFIG': str(out / 'config')},
+        capture_output=True, text=True, timeout=240, check=False,
+    )  # fmt: skip
+    assert again.returncode == 0, again.stderr
+    (bag,) = (out / 'again' / 'bags').iterdir()
+    repeated = dict(zip(('d1', 'd3'), (1e6 * m.max_dynamic_error for m in read_cycle(bag).metrics()), strict=True))
+    assert repeated == errors['tuned'][0]
+
+
+def test_failed_acceptance_gives_the_old_gains_back_and_says_why(processes, tuning):
+    done, out = commission(processes, tuning, '--accept', 1, '--arrangement', 'simulation')
+    assert done.returncode == 1, done.stdout + done.stderr
+    results = json.loads((out / 'results.json').read_text())
+    assert not results['accepted']
+    errors = results['max_dynamic_error_um']
+    assert errors['restored'] == errors['as_found']
+    assert errors['learned'] == []
+    for axis, error in errors['tuned'][0].items():
+        assert f'{axis}: acceptance move errs by {error:.1f} um; allowed 1 um' in results['reasons']
+    for kind in ('model', 'control'):
+        installed, original = (folder / kind / 'planar.yaml' for folder in (out / 'config', config_folder()))
+        assert installed.read_bytes() == original.read_bytes()
+    assert results['reasons'][0] in (out / 'report.html').read_text()
+
+
+@pytest.mark.parametrize(
+    ('options', 'reason'),
+    [
+        (('--law', 'magic'), "learning law 'magic' is unknown"),
+        (('--motion', 'nowhere'), "motions: 'nowhere' is unknown"),
+        (('--tuning', 'loud'), "tuning: 'loud' is unknown"),
+        (('--environment', 'storm'), "environment 'storm' is unknown"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_anything_moves(processes, tuning, options, reason):
+    done, out = commission(processes, tuning, *options, '--arrangement', 'simulation')
+    assert done.returncode == 1
+    assert reason in done.stderr
+    assert not (out / 'report.html').exists()
