@@ -13,8 +13,9 @@ from pkm_core.learning import make_law
 from pkm_core.learning.store import origin_of, read
 from pkm_core.motions import load_motion, plan
 from pkm_core.trajectory import to_joints
-from pkm_interfaces.msg import RobustGains, SampledTrajectory
+from pkm_interfaces.msg import CycleEvent, RobustGains, SampledTrajectory
 from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
+from pkm_nodes import learning
 from pkm_nodes.conversions import trajectory_to_msg
 from pkm_nodes.gains import gains_to_msg
 from pkm_nodes.learning import LearningNode
@@ -166,6 +167,36 @@ def test_best_of_what_was_learned_is_saved_with_what_it_belongs_to(graph, machin
     assert np.array_equal(learned.feedforward, np.stack(list(driven.values()), axis=1))
     law = make_law('basis', machine, load_control(machine)).with_reference(cycles.trajectory)
     assert learned.parameters == {joint: law.parameters(joint, row) for joint, row in driven.items()}
+
+
+@pytest.mark.parametrize('late', [True, False])
+def test_saving_waits_until_the_joints_have_asked_about_the_last_cycle_but_not_for_ever(
+    graph, machine, cycles, tmp_path, monkeypatch, late
+):
+    monkeypatch.setattr(learning, 'PATIENCE', 30.0 if late else 0.3)
+    graph.start(LearningNode)
+    events = graph.publisher(CycleEvent, 'cycle_events')
+    for cycle in (1, 2):
+        cycles.send(cycle, 'fourier')
+    cycles.verdict()
+
+    def learn(cycle, error):
+        rows = {'error': array('d', [error] * len(cycles.trajectory)), 'iteration': cycle - 1}
+        return [np.array(cycles.learn(joint, cycle, 'fourier', **rows)[0].feedforward) for joint in machine.joints]
+
+    first = learn(1, 2e-6)
+    events.publish(CycleEvent(event=CycleEvent.FINISHED, cycle=2))
+    graph.spin_in_silence()
+    path = tmp_path / 'learned.npz'
+    client = graph.node.create_client(SaveLearned, 'learning/save')
+    saved = client.call_async(SaveLearned.Request(path=str(path)))
+    if late:
+        graph.spin_in_silence()
+        assert not saved.done()
+        second = learn(2, 1e-6)
+    graph.spin_until(saved.done, 'the answer')
+    assert saved.result().success
+    assert np.array_equal(read(path).feedforward, np.stack(second if late else first, axis=1))
 
 
 def test_saving_is_refused_before_all_joints_have_learned_and_where_nothing_can_be_written(graph, machine, cycles):

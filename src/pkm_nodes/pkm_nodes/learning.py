@@ -9,6 +9,10 @@ from array import array
 from functools import cache
 
 import numpy as np
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.task import Future
 
 from pkm_core.control.controllers import choose_control
 from pkm_core.errors import LearningError, PkmError
@@ -16,12 +20,15 @@ from pkm_core.learning import make_law
 from pkm_core.learning.best import Best
 from pkm_core.learning.store import save
 from pkm_core.machines import load_machine
-from pkm_interfaces.msg import SampledTrajectory
+from pkm_interfaces.msg import CycleEvent, SampledTrajectory
 from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
 from pkm_nodes.conversions import IDENTIFY, trajectory_from_msg
+from pkm_nodes.events import subscribe_events
 from pkm_nodes.gains import gains_from_msg
 from pkm_nodes.node import CYCLE_QOS, PkmNode, run
 
+# [s, wall] how long saving waits for joints that have not asked about the last cycle; one that went back does not ask
+PATIENCE = 3.0
 # the last few cycles may still be asked about when trajectories of later ones have come
 _KEPT = 4
 
@@ -30,6 +37,7 @@ class _Motion:
     """A motion that is learned: its reference, its laws, and the best that has been learned of it."""
 
     def __init__(self, machine, message, trajectory, law):
+        self.asked = {}  # last cycle by joint
         self.belongs_to = message.motion, message.learning_law, trajectory.position.tobytes()
         self.best = Best(machine, message.motion, message.learning_law, trajectory)
         self.law = cache(lambda *loop: law(message.learning_law, *loop).with_reference(trajectory))
@@ -49,9 +57,15 @@ class LearningNode(PkmNode):
         self._law = cache(self._make_law)
         self._motions = {}  # by cycle
         self._learned = None  # the motion that was learned last
+        self._finished = 0  # the last cycle of the machine
+        self._caught_up = None  # Future: every joint has asked about that cycle, or has had its time
+        self._patience = self.create_timer(PATIENCE, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._patience.cancel()
+        subscribe_events(self, self._on_event)
         self.create_subscription(SampledTrajectory, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
         self.create_service(UpdateFeedforward, 'learning/update', self._on_update)
-        self.create_service(SaveLearned, 'learning/save', self._on_save)
+        alone = MutuallyExclusiveCallbackGroup()  # in the group of all others it would keep out what it waits for
+        self.create_service(SaveLearned, 'learning/save', self._on_save, callback_group=alone)
 
     def _make_law(self, name, *loop):
         """Return the law `name`: for the control of the cell, or for a `loop` (joint, gains) that is another."""
@@ -76,6 +90,10 @@ class LearningNode(PkmNode):
         others = [(cycle, known) for cycle, known in self._motions.items() if cycle != message.cycle]
         self._motions = dict([*others[1 - _KEPT :], (message.cycle, same[0] if same else motion)])
 
+    def _on_event(self, event):
+        if event.event == CycleEvent.FINISHED:
+            self._finished = event.cycle
+
     def _on_update(self, request, response):
         try:
             error, feedforward = np.array(request.error), np.array(request.feedforward)
@@ -90,6 +108,9 @@ class LearningNode(PkmNode):
             if motion is not None:
                 motion.best.observe(request.joint, gains, error, feedforward, request.iteration)
                 self._learned = motion
+                motion.asked[request.joint] = request.cycle
+                if self._caught_up and not self._is_behind():
+                    self._go_on()
         except PkmError as refusal:
             response.message = str(refusal)
             self.get_logger().error(f'{request.joint}, {request.motion!r}: {refusal}')
@@ -106,7 +127,22 @@ class LearningNode(PkmNode):
             return self._control[request.joint]
         return gains_from_msg(request.gains, f'learning {request.joint}: gains')
 
-    def _on_save(self, request, response):
+    def _is_behind(self):
+        """Tell whether a joint has still to ask about the last cycle, if that was learned from."""
+        motion = self._motions.get(self._finished)
+        return bool(motion) and any(motion.asked.get(joint, 0) < self._finished for joint in self._machine.joints)
+
+    def _go_on(self):
+        self._patience.cancel()
+        if self._caught_up:
+            caught_up, self._caught_up = self._caught_up, None
+            caught_up.set_result(None)
+
+    async def _on_save(self, request, response):
+        if self._is_behind():
+            self._caught_up = Future()
+            self._patience.reset()
+            await self._caught_up
         try:
             if self._learned is None:
                 raise LearningError('nothing has been learned yet')
