@@ -18,9 +18,10 @@ from pkm_core.errors import PkmError
 from pkm_core.metrics import axis_metrics
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
 from pkm_interfaces.srv import UpdateFeedforward
-from pkm_nodes import axis_learning
+from pkm_nodes import axis_learning, controller
 from pkm_nodes.gains import gains_from_msg
 from pkm_nodes.joint_controller import JointControllerNode
+from pkm_nodes.node import LAST_VALUE_QOS
 
 UM = 1e-6
 SAMPLES = 40  # of the short motion
@@ -128,6 +129,17 @@ def test_trajectory_is_loaded_only_when_somebody_takes_the_commands(graph, joint
     graph.spin_in_silence()
     assert not graph.events
     graph.listen(MotorCommand, 'd3/command')
+    graph.next_event(CycleEvent.LOADED, cycle=1)
+
+
+def test_reader_of_the_commands_that_cannot_connect_holds_up_a_cycle_for_a_while_only(graph, axis, monkeypatch):
+    monkeypatch.setattr(controller, 'DISCOVERY', 0.5)
+    graph.start(JointControllerNode, joint='d3')
+    graph.node.create_subscription(MotorCommand, 'd3/command', print, LAST_VALUE_QOS)  # wants what is not offered
+    graph.spin_until(lambda: graph.node.count_subscribers('d3/command') == 2, 'the second reader to be known')
+    axis.send(axis.message(1))
+    graph.spin_in_silence()
+    assert not graph.events
     graph.next_event(CycleEvent.LOADED, cycle=1)
 
 

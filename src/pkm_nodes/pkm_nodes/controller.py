@@ -1,6 +1,7 @@
 """What every controller of the cell does between ticks: load a cycle, say so, and account for it afterwards."""
 
 from abc import ABC, abstractmethod
+from time import monotonic
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -15,6 +16,9 @@ from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand, SampledTr
 from pkm_nodes.conversions import feedforward_from_msg, trajectory_from_msg
 from pkm_nodes.events import CycleEvents, subscribe_events
 from pkm_nodes.node import CYCLE_QOS, PkmNode
+
+# [s, wall] how long a cycle waits for readers of the commands that are known but not connected, a recorder coming up
+DISCOVERY = 2.0
 
 
 class ControllerNode(PkmNode, ABC):
@@ -38,6 +42,7 @@ class ControllerNode(PkmNode, ABC):
         self._joints = joints
         self._message = self._trajectory = None  # of the cycle that is loaded
         self._waiting = None  # message, trajectory and feedforward of the one to be loaded
+        self._patient_until = 0.0
         self._loaded = self._running = False
         self._errors = np.zeros((0, len(joints)))
         self._events = {joint: CycleEvents(self, joint) for joint in joints}
@@ -105,6 +110,8 @@ class ControllerNode(PkmNode, ABC):
         except PkmError as error:
             self._refuse(message.cycle, error)
             return
+        if self._waiting is None or self._waiting[0].cycle != message.cycle:
+            self._patient_until = monotonic() + DISCOVERY
         self._waiting = message, trajectory, feedforward
         self._loaded = False
         self._retry.reset()
@@ -117,8 +124,7 @@ class ControllerNode(PkmNode, ABC):
 
     def _load_if_possible(self):
         """Load the waiting trajectory once nothing is in the way and the machine listens."""
-        heard = all(publisher.get_subscription_count() for publisher in self._commands)
-        if self._waiting is None or self._is_busy(self._waiting[0]) or not heard:
+        if self._waiting is None or self._is_busy(self._waiting[0]) or not all(map(self._is_heard, self._commands)):
             return
         self._retry.cancel()
         (self._message, self._trajectory, feedforward), self._waiting = self._waiting, None
@@ -130,6 +136,11 @@ class ControllerNode(PkmNode, ABC):
             return
         self._loaded = True
         self._report_loaded()
+
+    def _is_heard(self, publisher):
+        """Tell whether all readers that the graph knows of are connected, or one after they have had their time."""
+        known = self.count_subscribers(publisher.topic_name) if monotonic() < self._patient_until else 1
+        return publisher.get_subscription_count() >= max(1, known)
 
     def _report_loaded(self):
         for events in self._events.values():
