@@ -75,7 +75,7 @@ def serve(namespace, machine):
         print(json.dumps([]), flush=True)
         for line in sys.stdin:
             client.execute(motion, int(line), 'none', cell.check, lambda feedback: None)
-            print(json.dumps(client.take_cycles()), flush=True)
+            print(json.dumps(client.take_cycles(int(line), cell.check)), flush=True)
 
 
 def ticks_per_second(workers, cycles):

@@ -22,6 +22,9 @@ from pkm_nodes.node import CYCLE_QOS
 from pkm_nodes.processes import CellProcesses
 
 _SECOND = 1_000_000_000  # ns
+# what the cell tells of a cycle, and [s, wall] how long the last word may take
+_STEPS = {'sent', 'loaded', 'started', 'finished'}
+_TOLD_TIMEOUT = 10.0
 # [s, wall] the page imports much; it needs a second more to find the cell
 _PAGE_TIMEOUT, _PAGE_LOOKS_AROUND = 60.0, 3.0
 # a browser that takes all the page sends and draws nothing
@@ -69,10 +72,19 @@ class TimedClient(CellClient):
         """Return how many nodes of the cell listen to `topic`."""
         return self._node.count_subscribers(topic)
 
-    def take_cycles(self):
-        """Return and forget the cycles so far: dicts of sent, loaded, started, finished [ns] and samples."""
-        cycles, self._cycles = list(self._cycles.values()), {}
-        return [cycle for cycle in cycles if 'finished' in cycle]
+    def take_cycles(self, number, check):
+        """Wait for all steps of `number` cycles, return and forget them: dicts of `_STEPS` [ns] and samples."""
+        self._spin_until(
+            lambda: len(self._complete_cycles()) >= number,
+            check,
+            _TOLD_TIMEOUT,
+            f'not every step of {number} cycles was told',
+        )
+        cycles, self._cycles = self._complete_cycles(), {}
+        return cycles
+
+    def _complete_cycles(self):
+        return [cycle for cycle in self._cycles.values() if cycle.keys() >= _STEPS]
 
 
 class Cell:
@@ -146,7 +158,7 @@ class Cell:
         for bag in log.bags:
             shutil.rmtree(bag)
         log.bags.clear()
-        return self._client.take_cycles()
+        return self._client.take_cycles(cycles, self._cell.check)
 
     def _pids(self):
         return [process.pid for process in self._cell.processes.values()]

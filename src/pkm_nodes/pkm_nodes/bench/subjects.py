@@ -47,6 +47,11 @@ class Subject:
 
         self._word = None
 
+    @property
+    def pid(self):
+        """Of its process."""
+        return self._process.pid
+
     def word(self):
         """Wait until it is up and return what it says of itself."""
         if self._word is None:
