@@ -284,7 +284,7 @@ def spin(nodes):
     executor = LockstepExecutor(context=rclpy.get_default_context())
     for node in nodes:
         executor.add_node(node)
-    # what is there now stays: a garbage collection that walks through all of it takes the time of a hundred ticks
+    # what is there now stays: a garbage collection that walks through all of it takes 0.1 s
     gc.collect()
     gc.freeze()
     executor.run()
