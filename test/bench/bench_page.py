@@ -9,7 +9,6 @@ Ticks/s mean something on a machine that does nothing else; the processor time t
 import argparse
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from statistics import median
 from time import monotonic, sleep
+from urllib.request import urlopen
 
 BIN = Path(sys.prefix) / 'bin'
 PORT = 8477
@@ -24,7 +24,8 @@ VIEWER = f"""
 import signal, sys, viser
 from websockets.sync.client import connect
 signal.signal(signal.SIGINT, lambda *_: sys.exit())
-with connect('ws://127.0.0.1:{PORT}', subprotocols=[f'viser-v{{viser.__version__}}'], max_size=None) as socket:
+with connect('ws://127.0.0.1:{PORT}', subprotocols=[f'viser-v{{viser.__version__}}'], max_size=None,
+             open_timeout=60) as socket:
     for message in socket:
         pass
 """
@@ -60,7 +61,7 @@ def wait_for_page():
     """Wait until the page listens and has found the cell."""
     deadline = monotonic() + 60
     while monotonic() < deadline:
-        with suppress(ConnectionRefusedError), socket.create_connection(('127.0.0.1', PORT)):
+        with suppress(OSError), urlopen(f'http://127.0.0.1:{PORT}', timeout=10):
             break
         sleep(0.2)
     sleep(3)

@@ -19,6 +19,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import UInt32, UInt64
 from std_srvs.srv import Trigger
 
+from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_core.plant import Plant
 from pkm_interfaces.msg import CycleEvent, EncoderSample
@@ -27,7 +28,7 @@ from pkm_nodes.events import CycleEvents, subscribe_events
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.laser import LaserNode
 from pkm_nodes.linear_motor import LinearMotorNode
-from pkm_nodes.node import LAST_VALUE_QOS, PkmNode, run
+from pkm_nodes.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, run
 from pkm_nodes.tick_messages import MOTOR_COMMAND
 
 # [ticks] /clock goes out at 100 Hz of simulated time: ROS tools need no more, and every node has to take it
@@ -55,6 +56,11 @@ class MachineNode(PkmNode):
             'recorder_window', 400, '[ticks] how far ahead of the recorder: no sample can be lost'
         )
         self.check_settings()
+        if not 1 <= self._window < TICK_QOS.depth:
+            raise ConfigError(
+                f'machine: recorder_window is {self._window} ticks; expected 1 to {TICK_QOS.depth - 1}, '
+                "less than the recorder's queue holds"
+            )
 
         self._joints = machine.joints
         self._resolution = machine.encoder_resolution
