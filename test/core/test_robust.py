@@ -316,3 +316,15 @@ def test_feedforward_is_that_of_the_loop_whatever_gain_the_lag_has():
     np.testing.assert_allclose(feedforward_gains(loud, MODEL, TS), np.array(feedforward_gains(GAINS, MODEL, TS)) / 10)
     z = np.exp(2j * np.pi * 50.0 * TS)
     assert open_loop(loud, MODEL, TS)(z) == pytest.approx(10 * open_loop(GAINS, MODEL, TS)(z), rel=1e-9)
+
+
+def test_exchange_of_the_model_changes_what_is_fed_forward():
+    machine = load_machine('planar')
+    gains, model = load_control(machine)['d1'], load_model(machine)['d1']
+    heavier = model.model_copy(update={'gain': 0.8 * model.gain})
+    controller = RobustController(gains, model, machine.sample_time, machine.voltage_limit)
+    controller.exchange(gains, heavier)
+    assert controller.feedforward_gains == feedforward_gains(gains, heavier, machine.sample_time)
+    with pytest.raises(PkmError, match='unstable'):
+        controller.exchange(gains, model.model_copy(update={'gain': 5 * model.gain}))
+    assert controller.feedforward_gains == feedforward_gains(gains, heavier, machine.sample_time)

@@ -81,14 +81,16 @@ def test_nobody_listens_to_what_nobody_says(nodes, documented):
                 assert type_name(subscription.msg_type) == documented[subscription.topic_name][0]
 
 
-def test_every_service_and_action_is_documented(graph, nodes):
+def test_every_service_and_action_is_documented(graph, nodes, machine):
     services = {
         node.resolve_service_name(service.srv_name): type_name(service.srv_type)
         for node in nodes
         for service in node.services
     }
     offered = {name: kind for name, kind in services.items() if not OF_ROS.fullmatch(name)}
-    assert offered == {row['service'].strip('`'): row['type'] for row in tables('Services')}
+    assert offered == {
+        name: row['type'] for row in tables('Services') for name in for_joints(row['service'], machine.joints)
+    }
     actions = [(row['action'].strip('`'), [row['type']]) for row in tables('Actions')]
     graph.spin_until(lambda: get_action_names_and_types(graph.node) == actions, f'the action(s) {actions}')
 

@@ -50,16 +50,18 @@ def test_unknown_machine_is_taken_to_a_learned_motion_in_the_graph(processes, tu
     assert 'recommended' in done.stdout
     assert 'as found' in done.stdout
     assert '<svg' not in (out / 'report.html').read_text()  # figures are images of their own
-    assert len(list((out / 'as_found' / 'bags').iterdir())) == 1 + 2 * 4  # the motion, and every experiment
-    assert len(list((out / 'tuned' / 'bags').iterdir())) == 1 + 5
+    # one cell from beginning to end: the motion as found, every experiment, the acceptance move, what was learned
+    assert len(list((out / 'as_found' / 'bags').iterdir())) == 1 + 2 * 4 + 1 + 5
+    assert not (out / 'tuned').exists()
 
-    # what is left behind is the machine under the gains that have passed: its first move has the same bits
+    # what is left behind is the machine under the gains that have passed; from power-up its noise is another
     monkeypatch.setenv('PKM_CONFIG', str(out / 'config'))
     machine = load_machine('planar')
     trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
     records = run_cycles(machine, trajectory, load_control(machine), None, cycles=1, seed=1)
-    repeated = 1e6 * records.metric('max_dynamic_error')[0]
-    assert dict(zip(machine.joints, repeated, strict=True)) == errors['tuned'][0]
+    again = 1e6 * records.metric('max_dynamic_error')[0]
+    for error, joint in zip(again, machine.joints, strict=True):
+        assert error == pytest.approx(errors['tuned'][0][joint], rel=0.5, abs=5)  # far from that of the gains as found
 
 
 def test_failed_acceptance_gives_the_old_gains_back_and_says_why(processes, tuning):

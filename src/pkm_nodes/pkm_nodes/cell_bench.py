@@ -8,6 +8,8 @@ import numpy as np
 from pkm_core.commissioning.commission import Identified
 from pkm_core.commissioning.measured import MeasuredResponse
 from pkm_core.commissioning.plan import Request
+from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
 from pkm_core.records import read_cycle
 from pkm_nodes.identify_cell import goal_of
 from pkm_nodes.identify_client import IdentifyClient
@@ -16,7 +18,7 @@ from pkm_nodes.processes import CellProcesses
 
 class CellBench:
     """
-    A cell that runs the files installed when it was started last; use it in a ``with`` block.
+    A cell whose controllers take up the files that are installed when they are told to; use it in a ``with`` block.
 
     Parameters
     ----------
@@ -25,14 +27,15 @@ class CellBench:
     arrangement, seed, environment
         As for `CellProcesses`.
     folder : Path
-        Gets a folder a start: bags, models, what the processes print.
+        Gets a folder a start of the cell: bags, models, what the processes print.
 
     """
 
     def __init__(self, machine, motion, arrangement, *, seed, environment, folder):
         self._name, self._motion, self._folder = machine, motion, Path(folder)
         self._options = {'arrangement': arrangement, 'seed': seed, 'environment': environment}
-        self._stack = ExitStack()
+        self._joints = load_machine(machine).joints
+        self._stack, self._is_well = ExitStack(), False
 
     def __enter__(self):
         return self
@@ -41,13 +44,17 @@ class CellBench:
         self._stack.close()
 
     def start(self, name):
-        """Start the cell, or start it again, for its nodes to take up what is installed."""
+        """Start the cell; one that runs and is well goes on, and its controllers take up what is installed now."""
+        if self._is_well:
+            self._client.reload(self._joints, self._processes.check)
+            return
         self._stack.close()
         self._processes = self._stack.enter_context(
             CellProcesses(self._name, folder=self._folder / name, **self._options)
         )
         self._client = self._stack.enter_context(IdentifyClient())
         self._client.wait_until_up(self._processes.check)
+        self._is_well = True
 
     def identify(self, on_step):
         """Return the `Identified` axes."""
@@ -66,7 +73,11 @@ class CellBench:
             worst = 1e6 * max(feedback.max_dynamic_error)
             on_step(f'{self._motion}, law {law}: worst axis {worst:.1f} um', feedback.cycle / cycles)
 
-        log = self._client.execute(self._motion, cycles, law, self._processes.check, on_feedback)
+        try:
+            log = self._client.execute(self._motion, cycles, law, self._processes.check, on_feedback)
+        except PkmError:
+            self._is_well = False  # it may stand in a safe stop, or a process may have ended
+            raise
         return [read_cycle(path).metrics() for path in log.bags]
 
 

@@ -20,13 +20,11 @@ class AxisExcitation:
         Whose joint it is.
     joint : str
         Its name.
-    model : AxisModel
-        What the controller believes of it.
 
     """
 
-    def __init__(self, node, machine, joint, model):
-        self._machine, self._joint, self._model = machine, joint, model
+    def __init__(self, node, machine, joint):
+        self._machine, self._joint = machine, joint
         self._message = Excitation()  # the last one; cycles count from 1
         node.create_subscription(Excitation, 'excitation', self._on_excitation, CYCLE_QOS)
 
@@ -38,9 +36,9 @@ class AxisExcitation:
         """Tell whether the cycle of a joint_trajectory message has to wait for its excitation."""
         return trajectory.learning_law == IDENTIFY and self._message.cycle != trajectory.cycle
 
-    def begin(self, trajectory, gains, position, velocity, acceleration):
+    def begin(self, trajectory, model, gains, position, velocity, acceleration):
         """Return the `ExcitedAxis` of a cycle of identification, None of any other; arguments and errors as there."""
         if trajectory.learning_law != IDENTIFY:
             return None
         volts = np.array(self._message.voltage)
-        return ExcitedAxis(self._machine, self._joint, self._model, gains, position, velocity, acceleration, volts)
+        return ExcitedAxis(self._machine, self._joint, model, gains, position, velocity, acceleration, volts)

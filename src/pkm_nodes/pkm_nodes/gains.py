@@ -1,6 +1,7 @@
 """The gains of a robust controller as messages and as the parameters of a node that may be changed while it runs."""
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
 
 from pkm_core.config import parse_config
 from pkm_core.control.robust import RobustGains
@@ -69,12 +70,20 @@ class GainParameters:
     """
 
     def __init__(self, node, gains, check, apply):
-        self._where, self._check, self._apply = node.get_fully_qualified_name(), check, apply
+        self._node, self._where = node, node.get_fully_qualified_name()
+        self._check, self._apply = check, apply
         self._values = {name: node.tunable(name, value, GAINS[name]) for name, value in flat(gains).items()}
         self.gains = gains_of(self._values, self._where)
         check(self.gains)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
+
+    def take(self, gains):
+        """Set all parameters to `gains` at once; `PkmError` if they are refused."""
+        parameters = [Parameter(name, value=value) for name, value in flat(gains).items()]
+        result = self._node.set_parameters_atomically(parameters)
+        if not result.successful:
+            raise PkmError(result.reason)
 
     def _with(self, parameters):
         return self._values | {each.name: each.value for each in parameters if each.name in GAINS}

@@ -4,6 +4,7 @@ from math import inf
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from std_srvs.srv import Trigger
 
 from pkm_core.errors import PkmError
 from pkm_interfaces.action import Identify
@@ -27,10 +28,23 @@ class IdentifyClient(CellClient):
         self._identify.destroy()
         super().__exit__(*arguments)
 
-    def execute(self, *arguments):
+    def execute(self, *arguments, **options):
         """As `CellClient.execute`, its account without cycles of an identification or motion before."""
         self._log = CycleLog()
-        return super().execute(*arguments)
+        return super().execute(*arguments, **options)
+
+    def reload(self, joints, check):
+        """Have the running controllers take up what the configuration has now; `PkmError` with all refusals."""
+        refusals = []
+        for name in (*(f'{joint}/reload' for joint in joints), 'learning/reload', 'trajectory_generator/reload'):
+            client = self._node.create_client(Trigger, name)
+            answer = client.call_async(Trigger.Request())
+            self._spin_until(answer.done, check, _ANSWER_TIMEOUT, f'{client.srv_name} did not answer')
+            self._node.destroy_client(client)
+            if not answer.result().success:
+                refusals.append(answer.result().message)
+        if refusals:
+            raise PkmError('; '.join(refusals))
 
     def identify(self, goal, check, on_feedback):
         """

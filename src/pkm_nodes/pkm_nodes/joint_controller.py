@@ -10,7 +10,9 @@ bounds is not answered for, but stopped.
 import sys
 
 import numpy as np
+from std_srvs.srv import Trigger
 
+from pkm_core.control.controllers import choose_control
 from pkm_core.control.margins import require_margins
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController
@@ -45,13 +47,14 @@ class JointControllerNode(ControllerNode):
         self.check_settings()
         self._controller = RobustController(self._gains.gains, self._model, machine.sample_time, machine.voltage_limit)
         self._feedforward = np.zeros(0)
-        self._excitation = AxisExcitation(self, machine, joint, self._model)
+        self._excitation = AxisExcitation(self, machine, joint)
         self._excited = None  # the `ExcitedAxis` of a cycle of identification
         self._serve((joint,))
         self._send_command = self._senders[0]
         self._learning = AxisLearning(
             self, joint, machine.sample_time, self._events[joint], on_end=self._load_if_possible
         )
+        self.create_service(Trigger, f'{joint}/reload', self._on_reload)
         self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, raw=True)
 
     def _check_gains(self, gains):
@@ -65,8 +68,29 @@ class JointControllerNode(ControllerNode):
             )
 
     def _exchange(self, gains):
-        self._controller.exchange(gains)
+        self._controller.exchange(gains, self._model)
         self._learning.renew()
+
+    def _on_reload(self, _, response):
+        """Take up the model and the gains that the configuration has now."""
+        joint, before = self._joints[0], self._model
+        try:
+            if self._running:
+                raise PkmError(f'{joint}: cycle {self._message.cycle} is running; reload when it has ended')
+            self._model = load_model(self._machine)[joint]
+            control = choose_control(self._machine, self.get_parameter('control').value)
+            if self._gains.gains == control[joint]:  # but the model may be another
+                self._check_gains(control[joint])
+                self._exchange(control[joint])
+            else:
+                self._gains.take(control[joint])
+        except PkmError as refusal:
+            self._model = before
+            response.message = str(refusal)
+            return response
+        self._control = control
+        response.success = True
+        return response
 
     def _reset(self):
         self._controller.reset()
@@ -76,7 +100,7 @@ class JointControllerNode(ControllerNode):
 
     def _load(self, trajectory, feedforward):
         axis = [np.ascontiguousarray(values[:, self._column]) for values in trajectory.derivatives()]
-        self._excited = self._excitation.begin(self._message, self._gains.gains, *axis[:3])
+        self._excited = self._excitation.begin(self._message, self._model, self._gains.gains, *axis[:3])
         given = None if feedforward is None else np.ascontiguousarray(feedforward[:, self._column])
         self._learning.begin(self._message, axis[0], given)
         self._feedforward = self._learning.feedforward

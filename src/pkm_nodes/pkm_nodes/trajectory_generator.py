@@ -15,6 +15,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.task import Future
 from std_msgs.msg import UInt32
+from std_srvs.srv import Trigger
 
 from pkm_core.commissioning.plan import in_poses
 from pkm_core.control.controllers import choose_control, kind_of
@@ -38,9 +39,8 @@ class TrajectoryGeneratorNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('trajectory_generator', **kwargs)
         self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
-        self._control = choose_control(
-            self._machine, self.setting('control', 'robust', 'of the controllers, as they are started')
-        )
+        self._chosen = self.setting('control', 'robust', 'of the controllers, as they are started')
+        self._control = choose_control(self._machine, self._chosen)
         self._start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')
         self._metrics_timeout = self.setting('metrics_timeout', 2.0, '[s, wall] from the last tick to the metrics')
         self.check_settings()
@@ -60,9 +60,20 @@ class TrajectoryGeneratorNode(PkmNode):
         self.create_subscription(UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._send_again, clock=self._wall)
+        self.create_service(Trigger, 'trajectory_generator/reload', self._on_reload)
         self._server = ActionServer(
             self, ExecuteMotion, 'execute_motion', self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
         )
+
+    def _on_reload(self, _, response):
+        """Take up the gains that the configuration has now: laws are tested for them before a goal begins."""
+        try:
+            self._control = choose_control(self._machine, self._chosen)
+        except PkmError as refusal:
+            response.message = str(refusal)
+            return response
+        response.success = True
+        return response
 
     async def _execute(self, goal_handle):
         """Run one goal; a refused one is aborted at once, because only a result can say why."""

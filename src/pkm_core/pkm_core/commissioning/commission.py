@@ -4,7 +4,7 @@ From a machine nobody knows to a learned motion: identify, tune, check, apply, a
 The steps are run on a bench: a machine with its controllers, simulated without ROS (`SimulatedBench`) or as a cell of
 nodes. A bench has
 
-    start(name)                          run the controllers with the files that are installed now
+    start(name)                          let the controllers take up the files that are installed now
     identify(on_step) -> Identified      find the models of all axes
     move(cycles, law, on_step) -> [[AxisMetrics a joint] a cycle]
 """

@@ -178,9 +178,9 @@ class RobustController:
         kv, ka, kj = self.feedforward_gains
         return kv * velocity + ka * acceleration + kj * jerk + learned
 
-    def exchange(self, gains):
+    def exchange(self, gains, model=None):
         """
-        Go on with other `gains` from the next tick, without a jump of the voltage.
+        Go on with other `gains`, and another `model` if given, from the next tick, without a jump of the voltage.
 
         The derivative is scaled to the new KD, the integrator takes up what else changes in front of the filters, and
         the filters are set so that their next two outputs are those the old ones would have had.
@@ -191,7 +191,9 @@ class RobustController:
             If the loop would be unstable on the model of its axis, with the margin; the old gains stay.
 
         """
-        require_stable('new gains', gains, self._model, self._sample_time)
+        model = self._model if model is None else model
+        require_stable('new gains', gains, model, self._sample_time)
+        self._model = model
         old_gains, old, old_feedforward = self.gains, self._parameters, self._feedforward
         self._take(gains)
         new, state = self._parameters, self._state
