@@ -116,14 +116,16 @@ def test_entry_point_is_copied_and_may_be_run():
 
 
 def test_services_are_the_nodes_of_a_cell_with_their_parameters():
-    services = yaml.safe_load((DOCKER / 'compose.yaml').read_text())['services']
-    specs = cell_nodes('four_dof', folder='/runs/bags')
-    assert list(services) == [spec.name for spec in specs]
-    for spec in specs:
-        common = ['ros2', 'run', 'pkm_nodes', spec.executable]
-        assert services[spec.name]['command'] == [*common, *spec.arguments({'use_sim_time': True})], spec.name
-        assert services[spec.name]['environment']['ROS_SECURITY_KEYSTORE'] == '/keystore'
-        assert any(volume.endswith(':/runs') for volume in services[spec.name]['volumes'])
+    written = (DOCKER / 'compose.yaml').read_text()
+    program = [sys.executable, DOCKER / 'compose.py']
+    wanted = subprocess.run(program, capture_output=True, text=True, check=True, timeout=60).stdout
+    assert written == wanted, 'write it anew: .venv/bin/python docker/compose.py > docker/compose.yaml'
+    services = yaml.safe_load(written)['services']
+    assert list(services) == [spec.name for spec in cell_nodes('four_dof')]
+    for service in services.values():
+        assert all(isinstance(word, str) for word in service['command'])
+        assert service['environment']['ROS_SECURITY_KEYSTORE'] == '/keystore'
+        assert any(volume.endswith(':/runs') for volume in service['volumes'])
 
 
 def test_services_share_the_memory_of_the_machine_and_are_interrupted_not_killed():

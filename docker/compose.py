@@ -1,0 +1,47 @@
+"""Prints compose.yaml, a service a node: `.venv/bin/python docker/compose.py > docker/compose.yaml`."""
+
+from pkm_nodes.graph import cell_nodes
+
+HEAD = """# Written by docker/compose.py from the list of nodes. The cell as services, one a node, on one host:
+#   docker compose -f docker/compose.yaml up --build -d
+# docs/docker.md says how to send it a motion, and how to give it keys.
+x-node: &node
+  image: pkm-cell
+  restart: 'no' # a node that ends is for a person to look at: the machine has stopped safely
+  ipc: service:machine # DDS takes shared memory between processes of one host
+  depends_on: [machine]
+  stop_signal: SIGINT # the recorder closes its bag first
+  stop_grace_period: 15s
+  environment: &environment
+    ROS_DOMAIN_ID: ${ROS_DOMAIN_ID:-0}
+    ROS_SECURITY_ENABLE: ${PKM_SECURITY:-false}
+    ROS_SECURITY_STRATEGY: Enforce
+    ROS_SECURITY_KEYSTORE: /keystore
+    ROS_SECURITY_ENCLAVE_OVERRIDE: /pkm
+  volumes: &volumes
+    - ../runs:/runs
+    - ${PKM_KEYSTORE:-./keystore}:/keystore:ro
+
+services:
+"""
+MACHINE = """    image: pkm-cell
+    build: {context: .., dockerfile: docker/Dockerfile}
+    restart: 'no'
+    ipc: shareable
+    stop_signal: SIGINT
+    environment: *environment
+    volumes: *volumes
+"""
+
+
+def main():
+    """Print the file."""
+    print(HEAD, end='')
+    for spec in cell_nodes('four_dof', folder='/runs/bags'):
+        command = ['ros2', 'run', 'pkm_nodes', spec.executable, *spec.arguments({'use_sim_time': True})]
+        service = MACHINE if spec.name == 'machine' else '    <<: *node\n'
+        print(f'  {spec.name}:\n{service}    command: {command}')
+
+
+if __name__ == '__main__':
+    main()
