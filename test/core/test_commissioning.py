@@ -47,7 +47,7 @@ class Bench:
 
     def __init__(self, machine, place, *, responses_of=response_of, errors=None):
         self._machine, self._place, self._responses_of = machine, place, responses_of
-        self._errors = {'as_found': 50 * UM, 'tuned': 20 * UM, 'restored': 50 * UM} | (errors or {})
+        self._errors = {'as_found': 50 * UM, 'tuned': 20 * UM, 'restored': 50 * UM, 'inverse': 20 * UM} | (errors or {})
         self.started = []  # (name, model, gains of d1) that ran
         self.moves = []
 
@@ -66,7 +66,7 @@ class Bench:
         return Identified(file, responses, ['d1: a warning'])
 
     def move(self, cycles, law, on_step):
-        name = self.started[-1][0]
+        name = self.started[-1][0] if law == 'none' else law
         self.moves.append((name, cycles, law))
         error = self._errors[name]
         if isinstance(error, Exception):
@@ -102,7 +102,7 @@ def test_gains_that_pass_are_kept_and_the_motion_is_learned(planar, place, small
     assert (first, second) == ('as_found', 'tuned')
     assert (bench.started[0][1:], model) == ((found_model, found_kp), 9.8)
     assert kp == load_control(planar)['d1'].kp != found_kp  # what stays installed is what ran
-    assert bench.moves == [('as_found', 1, 'none'), ('tuned', 1, 'none'), ('tuned', 3, 'inverse')]
+    assert bench.moves == [('as_found', 1, 'none'), ('tuned', 1, 'none'), ('inverse', 3, 'inverse')]
     shares = [share for what, share in steps if what == 'tuning']
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
@@ -142,6 +142,14 @@ def test_machine_that_faults_under_new_gains_gets_the_old_ones_back(planar, plac
     story, _ = run(planar, bench, place, small, tmp_path)
     assert story.reasons == ['machine: d1 ran into its upper stop']
     assert bench.started[-1][0] == 'restored'
+
+
+def test_gains_are_kept_and_the_reason_is_told_when_learning_fails(planar, place, small, tmp_path):
+    bench = Bench(planar, place, errors={'inverse': PkmError('learning law inverse would diverge')})
+    story, _ = run(planar, bench, place, small, tmp_path)
+    assert story.accepted
+    assert bench.started[-1][0] == 'tuned'
+    assert verdict(story)[1] == 'The motion was not learned: learning law inverse would diverge'
 
 
 def test_gains_that_fail_on_the_measured_response_are_never_applied(planar, place, small, tmp_path):

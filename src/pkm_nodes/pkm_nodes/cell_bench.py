@@ -46,7 +46,9 @@ class CellBench:
     def start(self, name):
         """Start the cell; one that runs and is well goes on, and its controllers take up what is installed now."""
         if self._is_well:
+            self._is_well = False  # one that refuses leaves some with the old and some with the new
             self._client.reload(self._joints, self._processes.check)
+            self._is_well = True
             return
         self._stack.close()
         self._processes = self._stack.enter_context(

@@ -151,6 +151,7 @@ def _figures(system, story):
     return {
         'accepted': story.accepted,
         'reasons': story.reasons,
+        'not_learned': story.not_learned,
         'warnings': story.identified.warnings,
         'max_dynamic_error_um': {
             name: errors(getattr(story, name)) for name in ('as_found', 'tuned', 'restored', 'learned')

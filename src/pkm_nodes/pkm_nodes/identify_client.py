@@ -38,6 +38,7 @@ class IdentifyClient(CellClient):
         refusals = []
         for name in (*(f'{joint}/reload' for joint in joints), 'learning/reload', 'trajectory_generator/reload'):
             client = self._node.create_client(Trigger, name)
+            self._spin_until(client.service_is_ready, check, _ANSWER_TIMEOUT, f'the cell did not offer {name}')
             answer = client.call_async(Trigger.Request())
             self._spin_until(answer.done, check, _ANSWER_TIMEOUT, f'{client.srv_name} did not answer')
             self._node.destroy_client(client)

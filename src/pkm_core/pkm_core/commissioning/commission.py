@@ -47,6 +47,7 @@ class Commissioning:
     reasons: list[str] = field(default_factory=list)  # why the new gains were not kept; none if they were
     restored: list = field(default_factory=list)  # a move after the old gains have come back
     learned: list = field(default_factory=list)
+    not_learned: str = ''  # why, if the new gains were kept and learning failed
 
     @property
     def accepted(self):
@@ -113,7 +114,10 @@ def commission(machine, bench, place, config, *, law, cycles, limit, seed, execu
         on_step('the motion with the old gains', 0.0)
         story.restored = bench.move(1, 'none', on_step)
     else:
-        story.learned = bench.move(cycles, law, on_step)
+        try:
+            story.learned = bench.move(cycles, law, on_step)
+        except PkmError as error:  # the gains have passed all the same
+            story.not_learned = str(error)
     return story
 
 

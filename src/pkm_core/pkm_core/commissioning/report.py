@@ -19,7 +19,8 @@ from pkm_core.reporting.tables import Table
 def verdict(story):
     """Return what became of it, a sentence or more."""
     if story.accepted:
-        return ['The new gains have passed the acceptance move and are kept.']
+        kept = ['The new gains have passed the acceptance move and are kept.']
+        return [*kept, f'The motion was not learned: {story.not_learned}'] if story.not_learned else kept
     return ['The new gains are not kept; model and gains are as they were found, because:', *story.reasons]
 
 
