@@ -1,4 +1,7 @@
-"""Learning laws of the user's: one Python file and its parameters in a YAML file beside it."""
+"""Learning laws of the user's: the two files of docs/own_law.md."""
+
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,33 +14,12 @@ from pkm_core.motions import load_motion, plan
 from pkm_core.simulation import run_cycles
 from pkm_core.trajectory import to_joints
 
-LAW = """
-import numpy as np
-from pkm_core.learning.law import FrequencyLaw, LawConfig
-
-class Parameters(LawConfig):
-    proportional: float  # [V/m]
-    advance: float  # [s]
-
-class MyLaw(FrequencyLaw):
-    Parameters = Parameters
-
-    def memory(self, joint, frequency):
-        return self.config.band.weight(frequency)
-
-    def action(self, joint, frequency):
-        ahead = np.exp(2j * np.pi * frequency * self.config.advance)
-        return self.config.band.weight(frequency) * self.config.proportional * ahead
+PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'own_law.md').read_text(encoding='utf-8')
+LAW, PARAMETERS = (re.search(rf'```{kind}\n(.*?)```', PAGE, re.DOTALL)[1] for kind in ('python', 'yaml'))
+LAW += """
 
 class Unfinished(FrequencyLaw):
     pass
-"""
-PARAMETERS = """
-law: my_law.py:MyLaw
-gain: [0.5]
-proportional: 6000.0
-advance: 0.0045
-band: {rise_from: 0 Hz, rise_to: 1 Hz, fall_from: 60 Hz, fall_to: 90 Hz}
 """
 PLANAR = load_machine('planar')
 
