@@ -78,7 +78,7 @@ class Bench:
 def small():
     """Return a search that ends in a second."""
     config = load_tuning()
-    search = config.search.model_copy(update={'population': 40, 'generations': 12, 'restarts': 2})
+    search = config.search.model_copy(update={'population': 32, 'generations': 10, 'restarts': 1})
     return config.model_copy(update={'search': search})
 
 
@@ -169,7 +169,7 @@ def test_axis_for_which_nothing_is_found_keeps_its_old_gains(planar, place, smal
     impossible = small.model_copy(update={'limits': small.limits.model_copy(update={'nominal': strict})})
     bench = Bench(planar, place)
     story, _ = run(planar, bench, place, impossible, tmp_path)
-    assert 'none of 960 candidates keeps all limits' in story.reasons[0]
+    assert 'none of 320 candidates keeps all limits' in story.reasons[0]
     assert bench.started[-1][0] == 'restored'
 
 
