@@ -76,7 +76,7 @@ def test_kinds_and_positions_choose_the_experiments(planar):
         ({'band': (0.0, 500.0)}, 'sweep from 0 to 500 Hz; expected 0 < from'),
         ({'band': (80.0, math.nan)}, 'band: nan given'),
         ({'voltage': -1.0}, 'voltage: -1.0 given; expected a finite number from 0'),
-        ({'jog_speed': 0.2}, r'the stroke of \d+\.\d mm leaves no room'),
+        ({'jog_speed': 0.2}, r'a stroke of \d+\.\d mm leaves the travel; allowed \d+\.\d mm'),
     ],
 )
 def test_request_that_cannot_be_met_is_refused(planar, wanted, reason):
@@ -114,10 +114,10 @@ def test_axis_that_leaves_its_bounds_is_stopped_with_the_numbers(planar, sweep, 
 
 def test_axis_that_runs_away_is_stopped_by_its_speed(planar, sweep):
     axis, position = excited(planar, sweep), sweep.trajectory.position[:, COLUMN]
-    for index in range(8):  # 0.96 mm in 4 ms, still near its reference
-        axis.drive(index, 0.0, position[index] + 1.2e-4 * index)
+    for index in range(8):  # from 0.9 mm on the one side of its reference to 0.9 mm on the other in 4 ms
+        axis.drive(index, 0.0, position[index] + 2.25e-4 * (index - 4))
     with pytest.raises(PkmError, match=r'd3 moves at 0\.\d+ m/s; allowed'):
-        axis.drive(8, 0.0, position[8] + 1.2e-4 * 8)
+        axis.drive(8, 0.0, position[8] + 2.25e-4 * 4)
 
 
 @pytest.mark.parametrize(

@@ -255,7 +255,7 @@ def test_bad_seed_is_refused(seed):
 
 
 def test_unknown_environment_lists_the_known_ones():
-    with pytest.raises(ConfigError, match=r"'foggy' is unknown; known: \['elastic', 'hard', 'ideal', 'nominal'\]"):
+    with pytest.raises(ConfigError, match=r"'foggy' is unknown; known: \['elastic', 'exact', 'hard', 'ideal', 'nominal'\]"):
         Plant(load_machine('four_dof'), 1, 'foggy')
 
 

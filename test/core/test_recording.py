@@ -68,6 +68,7 @@ class Cell:
                 coordinates=list(JOINTS),
                 **values,
                 **moves,
+                feedforward=np.zeros(0),
             )
 
     def tick(self, cycle, tick, index, without=(), feedforward=0.0):
