@@ -96,7 +96,7 @@ def cell_of(graph):
         ({'joints': ['d5']}, "joint 'd5' is unknown; planar has ['d1', 'd3']"),
         ({'kind': 'all'}, "kind 'all'; known: ['low_frequency', 'sweep', 'both']"),
         ({'band': [80.0, 1200.0]}, 'd1: sweep from 80 to 1200 Hz; expected 0 < from < to < 1000 Hz'),
-        ({'jog_speed': 0.2}, 'leaves no room'),
+        ({'jog_speed': 0.2}, 'leaves the travel'),
         ({'kind': 'sweep'}, "kind 'sweep': no slow moves of ['d1', 'd3'] yet; identify both"),
     ],
 )
