@@ -78,7 +78,7 @@ def test_every_command_is_covered():
     covered = ('bringup_scripts/run', 'bringup_scripts/ros2')
     others = [line for _, line in COMMANDS if not line.startswith(covered)]
     assert others == ['bringup_scripts/test']
-    assert 'exec bringup_scripts/test' in (ROOT / '.ci' / 'run').read_text(), 'CI is the run of the test command'
+    assert '\nbringup_scripts/test\n' in (ROOT / '.ci' / 'run').read_text(), 'CI is the run of the test command'
 
 
 @pytest.mark.parametrize('target', sorted(set(re.findall(r'\]\((?!http)([^)#]+)\)', README))))

@@ -1,5 +1,5 @@
 """
-Prints, by package, what the tests that `coverage run` watched have executed; `bringup_scripts/test` ends with it.
+Tells at the end of the tests, by package, which lines they have executed, when `coverage run` watches them.
 
 Counted is what ran in the process of the tests: nodes in processes of their own and compiled loops do not show.
 """
@@ -8,16 +8,12 @@ from collections import defaultdict
 from pathlib import Path
 
 import coverage
-from rich.console import Console
-from rich.table import Table
 
 SOURCES = {'pkm_core': Path('src/pkm_core'), 'pkm_nodes': Path('src/pkm_nodes')}
 
 
-def shares():
-    """Return {package: [lines, lines executed]} of .coverage in the working folder."""
-    data = coverage.Coverage()
-    data.load()
+def shares(data):
+    """Return {package: [lines, lines executed]} of a `coverage.Coverage`."""
     counted = defaultdict(lambda: [0, 0])
     for name, source in SOURCES.items():
         for path in sorted((source / name).rglob('*.py')):
@@ -29,17 +25,13 @@ def shares():
     return counted
 
 
-def main():
-    """Print the table."""
-    table = Table(title='lines run by the tests in this process')
-    table.add_column('package')
-    table.add_column('lines', justify='right')
-    table.add_column('run \\[%]', justify='right')
-    for package, (lines, run) in sorted(shares().items()):
+def pytest_terminal_summary(terminalreporter):
+    """Write the table before pytest's closing line."""
+    data = coverage.Coverage.current()
+    if data is None:
+        return
+    data.stop()
+    terminalreporter.section('lines run by the tests in this process')
+    for package, (lines, run) in sorted(shares(data).items()):
         if lines:
-            table.add_row(package, str(lines), f'{100.0 * run / lines:.0f}')
-    Console().print(table)
-
-
-if __name__ == '__main__':
-    main()
+            terminalreporter.line(f'{package:30} {lines:6} lines {100.0 * run / lines:4.0f} %')
