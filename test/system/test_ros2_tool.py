@@ -53,6 +53,7 @@ position:
 velocity: []
 acceleration: []
 jerk: []
+feedforward: []
 ---
 """
 
@@ -219,7 +220,7 @@ def test_echo_prints_a_latched_message_as_yaml(bench, ros2):
     [
         (['--field', 'coordinates'], "['q1', 'q2']\n---\n"),
         (['pkm_interfaces/msg/SampledTrajectory', '--field', 'cycle'], '3\n---\n'),
-        (['--csv', '-l', '2'], '3,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,\n'),
+        (['--csv', '-l', '2'], '3,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,,\n'),
         (['--csv', '--no-arr', '--field', 'cycle'], '3\n---\n'),
     ],
 )
@@ -305,11 +306,13 @@ def test_service_call_prints_request_and_response(bench, ros2):
 def test_goal_is_followed_to_its_end(bench, ros2):
     goal = '{cycles: 1, poses: [{x: 0.1}]}'
     text = ros2('action', 'send_goal', '-f', '/execute_motion', MOTION, goal).stdout
-    assert re.sub('[0-9a-f]{32}', 'ID', text) == (
+    sent, followed = re.sub('[0-9a-f]{32}', 'ID', text).split('Goal accepted with ID: ID\n\n')
+    assert sent.startswith(
         'Waiting for an action server to become available...\n'
         "Sending goal:\n     motion: ''\nposes:\n- x: 0.1\n  y: 0.0\n  z: 0.0\n  phi: 0.0\nmove_time: 0.0\ncycles: 1\n"
-        "controller: ''\nlearning_law: ''\n\n"
-        'Goal accepted with ID: ID\n\n'
+        "controller: ''\nlearning_law: ''\n"
+    )
+    assert followed == (
         'Feedback:\n    cycle: 1\njoints:\n- q1\nmax_dynamic_error:\n- 1.0e-06\n\n'
         "Result:\n    cycles_completed: 1\nmessage: ''\n\n"
         'Goal finished with status: SUCCEEDED\n'
