@@ -29,7 +29,7 @@ from pkm_nodes.lockstep import PatientGroup
 from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, run
 from pkm_nodes.ros2.shared import find_interface
 
-# those of the servo tick, and the states: served after them, the states of a long flow would overflow their queue
+# those of the servo tick, and the states that come with them: deep queues
 _WITH_TICKS = (By.TICK, By.STAMP, By.TIME)
 # [s] of simulated time; the longest pre-roll of four joints takes some 100 MB
 _LONGEST_PREROLL = 60.0
@@ -74,12 +74,9 @@ class RecorderNode(PkmNode):
 
     def _listen(self, name, topic):
         message_type, take = find_interface(topic.kind, 'msg'), self._recording.takers[name]
-        if topic.by not in _WITH_TICKS:
-            self.create_subscription(message_type, name, take, CYCLE_QOS, raw=True)
-            return
-        subscription = self.create_subscription(
-            message_type, name, take, TICK_QOS, callback_group=self._queue, raw=True
-        )
+        # all in one group: events that were served after the ticks of many cycles would end the wrong one
+        qos = TICK_QOS if topic.by in _WITH_TICKS else CYCLE_QOS
+        subscription = self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)
         if topic.by is By.TICK:
             self._tick_subscriptions.append(subscription)
 
