@@ -178,7 +178,7 @@ def test_jog_visits_a_pose_and_refuses_one_out_of_reach_with_the_reason(window):
 
 def test_stop_ends_the_motion_after_its_cycle(window):
     run(window, 900)
-    notice(window, 'cycle 2 of 900 done')
+    notice(window, r'cycle \d+ of 900 done')  # whichever is seen: they pass quickly
     press(window, 'Stop after this cycle')
     assert 'cancelled after cycle' in notice(window, 'cancelled')
     press(window, 'Stop after this cycle')
