@@ -10,7 +10,6 @@ bounds is not answered for, but stopped.
 import sys
 
 import numpy as np
-from std_srvs.srv import Trigger
 
 from pkm_core.control.controllers import choose_control
 from pkm_core.control.margins import require_margins
@@ -54,7 +53,7 @@ class JointControllerNode(ControllerNode):
         self._learning = AxisLearning(
             self, joint, machine.sample_time, self._events[joint], on_end=self._load_if_possible
         )
-        self.create_service(Trigger, f'{joint}/reload', self._on_reload)
+        self.offer(f'{joint}/reload', self._reload)
         self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, raw=True)
 
     def _check_gains(self, gains):
@@ -71,7 +70,7 @@ class JointControllerNode(ControllerNode):
         self._controller.exchange(gains, self._model)
         self._learning.renew()
 
-    def _on_reload(self, _, response):
+    def _reload(self):
         """Take up the model and the gains that the configuration has now."""
         joint, before = self._joints[0], self._model
         try:
@@ -84,13 +83,10 @@ class JointControllerNode(ControllerNode):
                 self._exchange(control[joint])
             else:
                 self._gains.take(control[joint])
-        except PkmError as refusal:
+        except PkmError:
             self._model = before
-            response.message = str(refusal)
-            return response
+            raise
         self._control = control
-        response.success = True
-        return response
 
     def _reset(self):
         self._controller.reset()

@@ -13,7 +13,6 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.task import Future
-from std_srvs.srv import Trigger
 
 from pkm_core.control.controllers import choose_control
 from pkm_core.errors import LearningError, PkmError
@@ -67,7 +66,7 @@ class LearningNode(PkmNode):
         self.create_service(UpdateFeedforward, 'learning/update', self._on_update)
         alone = MutuallyExclusiveCallbackGroup()  # in the group of all others it would keep out what it waits for
         self.create_service(SaveLearned, 'learning/save', self._on_save, callback_group=alone)
-        self.create_service(Trigger, 'learning/reload', self._on_reload)
+        self.offer('learning/reload', self._reload)
 
     def _make_law(self, name, *loop):
         """Return the law `name`: for the control of the cell, or for a `loop` (joint, gains) that is another."""
@@ -121,17 +120,11 @@ class LearningNode(PkmNode):
         response.feedforward = array('d', learned.tobytes())
         return response
 
-    def _on_reload(self, _, response):
+    def _reload(self):
         """Take up the models and the gains that the configuration has now; laws are made for them anew."""
-        try:
-            self._control = choose_control(self._machine, self._chosen)
-        except PkmError as refusal:
-            response.message = str(refusal)
-            return response
+        self._control = choose_control(self._machine, self._chosen)
         self._law = cache(self._make_law)
         self._motions.clear()
-        response.success = True
-        return response
 
     def _gains(self, request):
         """Return the gains of the loop a request comes from."""

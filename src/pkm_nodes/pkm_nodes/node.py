@@ -12,6 +12,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_srvs.srv import Trigger
 
 from pkm_core.errors import ConfigError, PkmError
 from pkm_nodes.lockstep import HotGroup, spin
@@ -79,6 +80,22 @@ class PkmNode(Node):
         if unknown:
             known = sorted(self._parameters)
             raise ConfigError(f'{self.get_fully_qualified_name()} has unknown parameter(s) {unknown}; known: {known}')
+
+    def offer(self, name, do):
+        """
+        Offer `do()` as the std_srvs/Trigger service `name`.
+
+        What it returns, if anything, is the answer's message; a `PkmError` it raises is the refusal.
+        """
+
+        def answer(_, response):
+            try:
+                response.message, response.success = do() or '', True
+            except PkmError as refusal:
+                response.message = str(refusal)
+            return response
+
+        self.create_service(Trigger, name, answer)
 
     def on_tick_topic(self, message_type, topic, callback, *, raw=False):
         """Subscribe to a topic of the servo tick: served before everything else, `raw` as bytes (tick_messages.py)."""

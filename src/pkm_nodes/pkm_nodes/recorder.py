@@ -13,9 +13,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from std_msgs.msg import UInt64
-from std_srvs.srv import Trigger
 
-from pkm_core.errors import BagError, ConfigError
+from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_core.provenance import config_hash, git_revision
 from pkm_core.recording.folder_lock import FolderLock
@@ -62,10 +61,10 @@ class RecorderNode(PkmNode):
         self._events = CycleEvents(self, 'recorder')
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._closed, self._lost, self._failure = 0, 0, ''
-        self._offer('record', self._recording.start)
-        self._offer('stop', self._recording.stop)
-        self._offer('split_bagfile', self._recording.split)
-        self._offer('snapshot', lambda: str(self._recording.snapshot().resolve()))
+        self.offer('recorder/record', self._recording.start)
+        self.offer('recorder/stop', self._recording.stop)
+        self.offer('recorder/split_bagfile', self._recording.split)
+        self.offer('recorder/snapshot', lambda: str(self._recording.snapshot().resolve()))
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.1, self._look_after, clock=wall)
         self.create_timer(1.0, self._publish_diagnostics, clock=wall)
@@ -135,19 +134,6 @@ class RecorderNode(PkmNode):
                 )
         if self.context.ok():  # otherwise stopped in the middle: the bag is whole, but there is nobody to tell
             self._events.publish(event, outcome.cycle, tick=outcome.tick, samples=outcome.messages, message=message)
-
-    def _offer(self, name, do):
-        """Offer `do`, which returns what it did in words, as the service recorder/`name`."""
-
-        def answer(_, response):
-            try:
-                response.message, response.success = do(), True
-            except BagError as error:
-                response.message = str(error)
-            self._serve()
-            return response
-
-        self.create_service(Trigger, f'recorder/{name}', answer)
 
     def _publish_diagnostics(self):
         recording = self._recording

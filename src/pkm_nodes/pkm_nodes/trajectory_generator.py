@@ -15,7 +15,6 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.task import Future
 from std_msgs.msg import UInt32
-from std_srvs.srv import Trigger
 
 from pkm_core.commissioning.plan import in_poses
 from pkm_core.control.controllers import choose_control, kind_of
@@ -60,20 +59,14 @@ class TrajectoryGeneratorNode(PkmNode):
         self.create_subscription(UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._send_again, clock=self._wall)
-        self.create_service(Trigger, 'trajectory_generator/reload', self._on_reload)
+        self.offer('trajectory_generator/reload', self._reload)
         self._server = ActionServer(
             self, ExecuteMotion, 'execute_motion', self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
         )
 
-    def _on_reload(self, _, response):
+    def _reload(self):
         """Take up the gains that the configuration has now: laws are tested for them before a goal begins."""
-        try:
-            self._control = choose_control(self._machine, self._chosen)
-        except PkmError as refusal:
-            response.message = str(refusal)
-            return response
-        response.success = True
-        return response
+        self._control = choose_control(self._machine, self._chosen)
 
     async def _execute(self, goal_handle):
         """Run one goal; a refused one is aborted at once, because only a result can say why."""

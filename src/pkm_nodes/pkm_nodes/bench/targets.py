@@ -42,6 +42,7 @@ def ratios(turns):
         'composed / processes': ('composed', 'processes'),
         'composed / without recorder': ('composed', 'alone'),
         'recorder and page / without': ('watched', 'alone'),
+        'page / without': ('watched', 'composed'),
         'simulation / composed': ('simulation', 'composed'),
         'simulation / MuJoCo': ('simulation', 'mujoco'),
     }
@@ -80,15 +81,16 @@ def targets(turns, memory):
     def best(subject):
         return max(turns[subject]['ticks_per_second']) / real_time if subject in turns else None
 
-    watched = ratio.get('recorder and page / without')
+    def cost(name):
+        return 100 * (1 - ratio[name]) if name in ratio else None
+
     delivery = [ms for turn in turns['composed']['delivery_ms'] for ms in turn] if 'composed' in turns else []
     return [
         Target('composed cell / bare floor', ratio.get('composed / floor'), 0.6, at_least=True),
         Target('composed cell, best turn', best('composed'), 1.5, at_least=True, unit='x real time'),
         Target('processes / naive executor', ratio.get('processes / naive'), 2.0, at_least=True),
-        Target(
-            'recorder and page cost', None if watched is None else 100 * (1 - watched), 25.0, at_least=False, unit='%'
-        ),
+        Target('recorder and page cost', cost('recorder and page / without'), 25.0, at_least=False, unit='%'),
+        Target('page costs', cost('page / without'), 10.0, at_least=False, unit='%'),
         Target('simulation without ROS, best turn', best('simulation'), 50.0, at_least=True, unit='x real time'),
         Target(
             'trajectory to loaded controllers',

@@ -7,31 +7,18 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.time import Time
 
 from pkm_nodes.ros2.shared import (
-    FIND_TIMEOUT,
-    TOPIC_HELP,
-    add_graph_arguments,
     find_topic_class,
-    number,
     ros_node,
     spin_until_done,
     wait_for_publishers,
 )
-from pkm_nodes.ros2.timing import RECEIVED_HERE, Window
+from pkm_nodes.ros2.timing import RECEIVED_HERE, Window, add_window_arguments
 
 
 def add_arguments(parser):
     """Add the arguments of `ros2 topic delay`."""
     parser.set_defaults(main=delay)
-    add_graph_arguments(parser, FIND_TIMEOUT)
-    add = parser.add_argument
-    add('topic_name', help=TOPIC_HELP)
-    add(
-        '--window',
-        '-w',
-        type=number(int, lambda n: n > 0, 'a positive integer'),
-        default=10000,
-        help='window size, in # of messages, for calculating delay (default: %(default)s)',
-    )
+    add_window_arguments(parser, 'delay')
 
 
 def delay(args):

@@ -7,32 +7,20 @@ from rclpy.clock import Clock
 from rclpy.qos import qos_profile_sensor_data
 
 from pkm_nodes.ros2.shared import (
-    FIND_TIMEOUT,
-    TOPIC_HELP,
-    add_graph_arguments,
     find_topic_class,
     message_filter,
-    number,
     ros_node,
     spin_until_done,
     wait_for_publishers,
 )
-from pkm_nodes.ros2.timing import RECEIVED_HERE, Intervals
+from pkm_nodes.ros2.timing import RECEIVED_HERE, Intervals, add_window_arguments
 
 
 def add_arguments(parser):
     """Add the arguments of `ros2 topic hz`."""
     parser.set_defaults(main=hz)
-    add_graph_arguments(parser, FIND_TIMEOUT)
+    add_window_arguments(parser, 'rate')
     add = parser.add_argument
-    add('topic_name', help=TOPIC_HELP)
-    add(
-        '--window',
-        '-w',
-        type=number(int, lambda n: n > 0, 'a positive integer'),
-        default=10000,
-        help='window size, in # of messages, for calculating rate (default: %(default)s)',
-    )
     add('--filter', metavar='EXPR', help='only measure messages matching the specified Python expression')
     add('--wall-time', action='store_true', help='calculates rate using wall time, also when there is a simulated one')
 

@@ -4,8 +4,23 @@ from collections import deque
 
 import numpy as np
 
+from pkm_nodes.ros2.shared import FIND_TIMEOUT, TOPIC_HELP, add_graph_arguments, number
+
 RECEIVED_HERE = 'measured where the messages are received, here: what is lost on the way or waits here shows in them'
 _SHARES = (50, 95, 99)
+
+
+def add_window_arguments(parser, what):
+    """Add the arguments of a verb that tells `what` of a topic over a window of messages."""
+    add_graph_arguments(parser, FIND_TIMEOUT)
+    parser.add_argument('topic_name', help=TOPIC_HELP)
+    parser.add_argument(
+        '--window',
+        '-w',
+        type=number(int, lambda n: n > 0, 'a positive integer'),
+        default=10000,
+        help=f'window size, in # of messages, for calculating {what} (default: %(default)s)',
+    )
 
 
 class Window:
