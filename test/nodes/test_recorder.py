@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from std_msgs.msg import UInt64
@@ -28,6 +29,7 @@ from pkm_core.records import read_cycle
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, LaserSample, MotorCommand, SampledTrajectory
 from pkm_nodes.conversions import time_of_tick, trajectory_to_msg
 from pkm_nodes.learning import LearningNode
+from pkm_nodes.node import PkmNode
 from pkm_nodes.recorder import RecorderNode
 
 JOINTS = ('d1', 'd3', 'd5', 'd7')
@@ -377,6 +379,30 @@ def test_bag_says_who_ran_with_which_parameters(graph, cell, tmp_path):
     assert parameters['recorder']['folder'] == str(tmp_path / 'bags')
     assert data['git_revision'] == git_revision()
     assert data['config_hash'] == config_hash('four_dof', '', 'none'), 'nobody knows a file of the motion "short"'
+
+
+class Tunable(PkmNode):
+    """A node with a parameter that may be changed."""
+
+    def __init__(self, **kwargs):
+        super().__init__('tunable', **kwargs)
+        self.tunable('gain', 1.0, 'to be changed')
+
+
+def test_bag_says_what_a_parameter_was_changed_to_before_its_cycle(graph, cell, tmp_path):
+    node = graph.start(Tunable)
+    graph.start(RecorderNode, folder=str(tmp_path / 'bags'))
+    progress = graph.listen(UInt64, 'recorder/tick')
+    graph.spin_until(lambda: progress, 'the first word of the recorder')
+
+    def recorded_gain(cycle):
+        cell.play(cycle, (cycle - 1) * SAMPLES)
+        return json.loads(read_metadata(bag_of(graph, cycle))['custom_data']['parameters'])['tunable']['gain']
+
+    assert recorded_gain(1) == 1.0
+    node.set_parameters([Parameter('gain', value=2.5)])
+    graph.spin_in_silence()
+    assert recorded_gain(2) == 2.5
 
 
 def test_second_recorder_on_the_folder_is_refused(graph, tmp_path):

@@ -41,9 +41,9 @@ def test_ratio_follows_from_the_turns(bench):
 def test_every_target_is_in_the_account_and_says_whether_it_was_measured(bench):
     printed, figures = bench
     measured = {target['name']: target for target in figures['targets']}
-    assert len(measured) == 7
     assert measured['composed cell / bare floor']['met'] in (True, False)
-    assert measured['processes / naive executor']['met'] is None
+    for name in ('processes / naive executor', 'recorder and page cost'):
+        assert measured[name]['met'] is None
     assert all(name in printed for name in measured)
 
 

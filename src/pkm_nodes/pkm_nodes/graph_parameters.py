@@ -1,11 +1,14 @@
-"""The parameters of every node in the namespace of a cell, asked for once in the life of each."""
+"""The parameters of every node in the namespace of a cell: asked for once in the life of each, then followed."""
 
 import json
 from time import monotonic
 
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
 
+_EVENTS = '/parameter_events'
 # [s, wall] how long a node may take to answer before nobody waits for it; what it says later still counts
 _PATIENCE = 5.0
 
@@ -15,14 +18,16 @@ class GraphParameters:
 
     def __init__(self, node):
         self._node = node
-        self._asked = {}  # _Question by the id of the node's publisher of /rosout, which no other life of it has
+        self._asked = {}  # _Question by the id of the node's publisher of _EVENTS, which no other life of it has
+        # a discovery server names the publishers of a topic only to those who listen to it
+        node.create_subscription(ParameterEvent, _EVENTS, self._on_change, qos_profile_parameter_events)
 
     def look_around(self):
         """Ask the nodes that have come up, and forget those that have gone."""
         node = self._node
         there = {
             bytes(info.endpoint_gid): info.node_name
-            for info in node.get_publishers_info_by_topic('/rosout')
+            for info in node.get_publishers_info_by_topic(_EVENTS)
             if info.node_namespace == node.get_namespace() and not info.node_name.startswith('_')
         }
         for life in [life for life in self._asked if life not in there]:
@@ -33,6 +38,11 @@ class GraphParameters:
             if life not in self._asked:
                 self._asked[life] = _Question(node, name)
             self._asked[life].go_on()
+
+    def _on_change(self, event):
+        for question in self._asked.values():
+            if event.node == question.full_name:
+                question.change(event)
 
     def is_complete(self):
         """Tell whether every node there is has answered, or has had its time; False before the first look."""
@@ -46,10 +56,12 @@ class GraphParameters:
 
 
 class _Question:
-    """One node is asked for the names, then for the values of its parameters."""
+    """One node is asked for the names, then for the values of its parameters; what it changes afterwards is noted."""
 
     def __init__(self, node, name):
-        self.name, self.values = name, None
+        self.name, self.full_name = name, f'{node.get_namespace().rstrip("/")}/{name}'
+        self.values = None
+        self._changes = {}
         self._node = node
         self._list = node.create_client(ListParameters, f'{name}/list_parameters')
         self._get = node.create_client(GetParameters, f'{name}/get_parameters')
@@ -77,7 +89,15 @@ class _Question:
 
     def _on_values(self, names, future):
         values = map(parameter_value_to_python, future.result().values)
-        self.values = dict(zip(names, values, strict=True))
+        # what has changed meanwhile is as new as the answer, or newer
+        self.values = dict(zip(names, values, strict=True)) | self._changes
+
+    def change(self, event):
+        """Note what the node says it has changed."""
+        changed = [*event.new_parameters, *event.changed_parameters]
+        self._changes |= {parameter.name: parameter_value_to_python(parameter.value) for parameter in changed}
+        if self.values is not None:
+            self.values |= self._changes
 
     def release(self):
         """Give back what it took to ask."""
