@@ -153,6 +153,17 @@ def test_click_runs_cycles_and_the_numbers_and_curves_change(window):
     _keep_picture(window)
 
 
+def test_law_chosen_from_the_list_is_the_one_that_runs(window):
+    laws = window.get_by_label('law', exact=True)
+    laws.fill('norm_optimal')
+    laws.press('ArrowDown')
+    laws.press('Enter')
+    laws.blur()
+    run(window, 2)
+    notice(window, '^four_dof_70ms, law norm_optimal: done$')
+    window.locator('td', has_text='four_dof_70ms, law norm_optimal').wait_for()
+
+
 def _keep_picture(window):
     path = os.environ.get('PKM_SCREENSHOT')
     if path:
