@@ -1,6 +1,7 @@
-"""Every link of the README and of docs leads to a file of this tree, and every heading and image it names exists."""
+"""What the README and docs name is there: files, headings, images, tests, and code in columns of that name."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -53,3 +54,48 @@ def test_paths_in_code_exist():
     for page in PAGES:
         for path in re.findall(r'`((?:src|config|docs|test|bringup_scripts|docker)/[\w./-]+)`', page.read_text()):
             assert (ROOT / path.rstrip('/')).exists(), f'{page.name}: {path}'
+
+
+def test_tests_named_by_the_pages_exist():
+    """A name between backticks that begins with test_; one that is cut short ends with an ellipsis."""
+    defined = {
+        name
+        for path in (ROOT / 'test').rglob('test_*.py')
+        for name in [path.stem, *re.findall(r'^def (test_\w+)', path.read_text(encoding='utf-8'), re.MULTILINE)]
+    }
+    for page in PAGES:
+        for name, cut in re.findall(r'`(test_\w+?)(_\.\.\.)?`', page.read_text(encoding='utf-8')):
+            known = any(each.startswith(name) for each in defined) if cut else name in defined
+            assert known, f'{page.name}: {name}'
+
+
+def test_code_named_in_tables_exists():
+    """In a column `code`, names between backticks are those of modules of pkm_core and what is in them."""
+    found = 0
+    for page in PAGES:
+        column = None
+        for line in page.read_text(encoding='utf-8').splitlines():
+            cells = [cell.strip() for cell in line.strip('|').split('|')] if line[:1] == '|' else []
+            if 'code' in cells:
+                column = cells.index('code')
+            elif not cells:
+                column = None
+            elif column is not None:
+                for name in re.findall(r'`([\w.]+)`', cells[column]):
+                    assert exists(name), f'{page.name}: {name}'
+                    found += 1
+    assert found > 15
+
+
+def exists(name):
+    """Tell whether `name` is a module of pkm_core, or an attribute (of an attribute) of one."""
+    parts = name.split('.')
+    for end in range(len(parts), 0, -1):
+        if (ROOT / 'src/pkm_core/pkm_core' / '/'.join(parts[:end])).with_suffix('.py').exists():
+            found = import_module('.'.join(['pkm_core', *parts[:end]]))
+            for attribute in parts[end:]:
+                if not hasattr(found, attribute):
+                    return False
+                found = getattr(found, attribute)
+            return True
+    return False

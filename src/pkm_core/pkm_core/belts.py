@@ -1,5 +1,5 @@
 """
-Belt elasticity of the 4-DOF manipulator (thesis 5.6): its dynamics with the platforms' rotations as two more joints.
+Belts that give in the 4-DOF manipulator (thesis section 5.5): its dynamics with the platforms' turns as joints too.
 
 The belts hold the platforms under P and Q parallel to the base; when they give, the platform arms turn,
     P = (x1 - dy sin psi_p, Y1 + dy cos psi_p),   Q = (X2 + dx cos psi_q, y2 + dx sin psi_q),

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-_CAPACITOR = 22e-9  # F, of the analogue PI controller, thesis 6.3
+_CAPACITOR = 22e-9  # F, of the analogue PI controller, thesis section 6.3
 
 
 @njit(cache=True, error_model='numpy')

@@ -1,4 +1,4 @@
-"""Linear encoder of one joint: a glass scale, its interpolator and the counter; 0.2 um a count (thesis 6.1)."""
+"""Linear encoder of one joint: glass scale, interpolator and counter; 0.2 um a count (thesis section 6.2)."""
 
 import math
 

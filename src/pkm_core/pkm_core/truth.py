@@ -92,7 +92,7 @@ class Stops(Config):
 
 
 class Belts(Config):
-    """Belts that keep the platforms P and Q from turning, 5.6."""
+    """Belts that keep the platforms P and Q from turning; thesis section 5.5."""
 
     stiffness: Annotated[quantity('N m/rad'), Field(gt=0.0)]
     damping: Annotated[quantity('N m s/rad'), Field(ge=0.0)]

@@ -13,7 +13,7 @@ from pkm_core.design.envelope import clearance
 
 def join_contours(slices, contours, points=256):
     """
-    Return the surface through the `contours` of `slices`: each resampled to `points`, neighbours joined (thesis 3.4).
+    Return the surface through the `contours` of `slices`: each resampled to `points`, neighbours joined (thesis ch. 3).
 
     Top and bottom close in a point at the height of the outer slices' faces.
     """
