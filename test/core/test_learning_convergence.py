@@ -1,7 +1,9 @@
 """The convergence test of every law on every loop, the Fourier law's advance, and the loops designed for that law."""
 
 import json
+import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,6 +104,46 @@ def test_factor_is_the_one_of_the_iteration_frequency_by_frequency():
     expected = found.factor[4, list(found.frequency).index(100.0)]
     assert abs(errors[1] / errors[0]) == pytest.approx(expected, rel=1e-9)
     assert abs(errors[2] / errors[1]) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(('gain', 'frequency'), [(1.0, 50.0), (0.4, 50.0), (0.7, 190.0)])
+def test_noise_is_amplified_as_the_page_on_learning_says(gain, frequency):
+    """On a model 20 % too weak, of cycles that repeat nothing: var E = s^2 (1 + g^2 |AG|^2/(1 - |mu|^2))."""
+    the_law, joint, f = law('inverse', 'planar'), 'd1', np.array([frequency])
+    model = the_law.models[joint]
+    stronger = model.model_copy(update={'gain': 1.2 * model.gain})
+    path = learned_path(the_law.control[joint], stronger, f, 0.5e-3)
+    memory, action = the_law.memory(joint, f), gain * the_law.action(joint, f)
+    noise = np.random.default_rng(8).standard_normal((400, 4000, 2)) @ [1.0, 1.0j]
+    feedforward, power = np.zeros(400, dtype=complex), []
+    for each in noise.T:
+        error = each - path * feedforward
+        feedforward = memory * feedforward + action * error
+        power.append(np.mean(np.abs(error) ** 2))
+    factor = abs(memory - action * path)[0]
+    expected = 2.0 * (1 + abs(action * path)[0] ** 2 / (1 - factor**2))  # power of the noise: 2
+    assert np.mean(power[100:]) == pytest.approx(expected, rel=0.01)  # 1.5 million draws: 0.1 %
+
+
+def test_page_on_learning_quotes_the_factors_of_the_shipped_laws():
+    text = (Path(__file__).parents[2] / 'docs' / 'learning.md').read_text(encoding='utf-8')
+    rows = re.findall(
+        r'^\| (\w+)(, [^|]*)? \| (\d\.\d+); (\d\.\d+) \|[^|]*\| (?:(\d\.\d+); (\d\.\d+))? *\|$', text, re.MULTILINE
+    )
+    assert len(rows) == 7
+    assert {row[0] for row in rows} == set(law_names())
+    for name, variant, *worst, four_dof_move, planar_move in rows:
+        loops = LOOPS if 'thesis' not in variant else ('four_dof_thesis', 'planar_thesis')
+        for each, quoted, move in zip(loops, worst, (four_dof_move, planar_move), strict=False):
+            the_law = law(name, each)
+            if 'no advance' in variant:
+                the_law = the_law.as_printed()
+            found = convergence_figures(the_law).values()
+            assert max(row['worst'] for row in found) == pytest.approx(
+                float(quoted), abs=5.1 * 10.0 ** -len(quoted) * 10
+            )
+            if move:
+                assert max(row['worst_in_move_band'] for row in found) == pytest.approx(float(move), abs=5.1e-4)
 
 
 def test_law_that_would_diverge_refuses_to_start_with_the_number():

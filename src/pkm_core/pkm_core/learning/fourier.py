@@ -14,7 +14,7 @@ converges fast. PD (0, small) is the thesis's. With the loop's whole KD it diver
 strongly: the loop's answer to ups then leads by up to 90 deg, and D adds to that.
 
 As printed, (7.33) has no advance. Then the loop's delay turns what is learned by more than 90 deg from some frequency
-on, 28 to 56 Hz here, and from there on the error grows slowly. The advance takes that delay back, in whole samples.
+on, 29 to 56 Hz here, and from there on the error grows slowly. The advance takes that delay back, in whole samples.
 """
 
 from typing import Annotated
