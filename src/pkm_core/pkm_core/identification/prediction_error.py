@@ -28,6 +28,7 @@ _ITERATIONS = 50
 _CONVERGED = 1e-9  # relative
 _COLLINEAR = 1e8  # condition number
 _FEW = 4  # stretches
+_USELESS = 0.2  # relative standard deviation of K: controllers are designed for gains that are off by so much
 # what is worth a warning
 _POOR_FIT = 98.0  # per cent
 _POOR_GAIN, _POOR_VISCOSITY = 0.02, 0.1  # relative standard deviations
@@ -113,9 +114,10 @@ def fit_percent(predictions, gain):
 def _solve(used, known):
     """Return K, a and their covariance."""
     viscosity = min(_GUESSES, key=lambda guess: _least_squares(predict(used, guess, known))[1])
-    gain, _ = _least_squares(predict(used, viscosity, known))
+    gain, squares = _least_squares(predict(used, viscosity, known))
+    _refuse_weak_instruments(used, known, gain, viscosity, squares)
     for _ in range(_ITERATIONS):
-        equations, slopes = _equations(used, known, gain, viscosity)
+        equations, slopes, _ = _equations(used, known, gain, viscosity)
         step = _solved(used, slopes.sum(axis=0), -equations.sum(axis=0))
         before = gain, viscosity
         gain, viscosity = gain + step[0], float(np.clip(viscosity + step[1], 0.3 * viscosity, 3 * viscosity))
@@ -129,10 +131,23 @@ def _solve(used, known):
         raise IdentificationError(
             f'{used[0].data.name}: no K and a explain the moves: a is at {viscosity:.3g} 1/s and wanders'
         )
-    equations, slopes = _equations(used, known, gain, viscosity)
+    equations, slopes, _ = _equations(used, known, gain, viscosity)
     inverse = _solved(used, slopes.sum(axis=0), np.eye(2))
     scatter = equations.T @ equations * (len(used) / max(len(used) - 2, 1))
     return float(gain), float(viscosity), inverse @ scatter @ inverse.T
+
+
+def _refuse_weak_instruments(used, known, gain, viscosity, squares):
+    """Refuse moves whose reference says so little of K and a that noise would decide; `squares` is the error's sum."""
+    _, slopes, moments = _equations(used, known, gain, viscosity)
+    inverse = _solved(used, slopes.sum(axis=0), np.eye(2))
+    variance = squares / sum(stretch.end - stretch.start for stretch in used)
+    deviation = np.sqrt(variance * (inverse @ moments.sum(axis=0) @ inverse.T)[0, 0]) / abs(gain)
+    if not deviation <= _USELESS:
+        raise IdentificationError(
+            f'{used[0].data.name}: the moves do not tell K and a apart: K would be uncertain by '
+            f'{100 * deviation:.0f} %; at most {100 * _USELESS:.0f} % is of use; vary their speed'
+        )
 
 
 def _solved(used, matrix, right):
@@ -153,10 +168,10 @@ def _least_squares(predictions):
 
 
 def _equations(used, known, gain, viscosity):
-    """Return, per stretch, the instruments times the error (m, 2) and the derivative of that to K and a (m, 2, 2)."""
+    """Return, per stretch, instruments times error (m, 2), its derivative to K and a, instruments squared (m, 2, 2)."""
     step = 1e-4 * viscosity
     here, above, below = (predict(used, viscosity + shift, known) for shift in (0.0, step, -step))
-    equations, slopes = [], []
+    equations, slopes, moments = [], [], []
     for stretch, at, up, down in zip(used, here, above, below, strict=True):
         change = np.column_stack([-at.free(at.driven), (up.error(gain) - down.error(gain)) / (2 * step)])
         instruments = change
@@ -167,7 +182,8 @@ def _equations(used, known, gain, viscosity):
             instruments = np.column_stack([at.free(clean), at.free(slowed)])
         equations.append(instruments.T @ at.error(gain))
         slopes.append(instruments.T @ change)
-    return np.array(equations), np.array(slopes)
+        moments.append(instruments.T @ instruments)
+    return np.array(equations), np.array(slopes), np.array(moments)
 
 
 def _warnings(used, gain, viscosity, covariance, friction, percent):
