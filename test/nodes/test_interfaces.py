@@ -73,6 +73,22 @@ def test_every_topic_is_documented_with_its_type_and_qos(nodes, documented):
     assert offered == documented
 
 
+def test_every_topic_comes_from_the_nodes_that_the_page_names(nodes, machine):
+    """What stands behind a semicolon is about other controllers, or for people."""
+    named = {}
+    for row in tables('Topics'):
+        sources = [source.strip() for source in row['from'].partition(';')[0].split(',')]
+        for topic in for_joints(row['topic'], machine.joints):
+            own = [topic.split('/')[2]] if '<joint>' in row['topic'] else machine.joints
+            named[topic] = {source.replace('`<joint>`', joint) for source in sources for joint in own}
+    said = {topic: set() for topic in named}
+    for node in nodes:
+        for publisher in node.publishers:
+            if not OF_ROS.fullmatch(publisher.topic_name):
+                said[publisher.topic_name].add(node.get_name())
+    assert said == named
+
+
 def test_nobody_listens_to_what_nobody_says(nodes, documented):
     for node in nodes:
         for subscription in node.subscriptions:

@@ -1,6 +1,7 @@
 """`pkm run`: the main job on the real graph, composed and in separate processes."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -109,6 +110,49 @@ def assert_bits_of_simulation(folder):
         for kind in ('counts', 'voltage', 'error', 'feedforward'):
             assert np.array_equal(getattr(record, kind), getattr(expected, kind)[number]), (kind, number)
     assert results['notices'] == list(expected.notices)
+
+
+def test_rates_and_frames_of_docs_interfaces_are_those_of_a_recorded_cycle(runs):
+    """Row by row; excitation is of identifications, the rest of what is not counted is not recorded or of wall time."""
+    page = (Path(__file__).parents[2] / 'docs' / 'interfaces.md').read_text(encoding='utf-8')
+    rows = [line.strip('|').split('|') for line in page.splitlines() if re.match(r'\| `/(pkm|clock|diag)', line)]
+    rows = [[cell.strip(' `') for cell in row] for row in rows if len(row) == 7]  # topics; services have fewer columns
+    (bag, *_) = sorted((runs['composed'][0] / 'bags').iterdir())
+    with AnyReader([bag], default_typestore=typestore()) as reader:
+        counts = {name: info.msgcount for name, info in reader.topics.items()}
+        ticks, frames = counts['/pkm/d1/encoder'], frames_of(reader)
+    often = {
+        'a tick': ticks,
+        'a cycle': 1,
+        'none': 0,
+        'every 20 ticks': ticks / 20,
+        'every 100 ticks': ticks / 100,
+        '0.8 ms': ticks * 0.5 / 0.8,
+    }
+    left_out = set()
+    for topic, _, _, rate, _, frame, _ in rows:
+        for name in {topic.replace('<joint>', joint) for joint in JOINTS}:
+            expected = often.get(re.split('[,;]', rate)[0])
+            if name in counts and expected is not None:
+                assert abs(counts[name] - expected) <= (0 if expected in (0, 1, ticks) else 1), (name, counts[name])
+            else:
+                left_out.add(name)
+            if name in frames:
+                assert frames[name] == (frame if frame != '-' else ''), name
+    assert left_out == {'/pkm/recorder/tick', '/pkm/machine/cycle', '/clock', '/diagnostics', '/pkm/cycle_events'}
+    assert counts['/pkm/cycle_events'] >= 6  # RECORDED comes when the bag is closed
+    assert {name for name, frame in frames.items() if frame} == {'/pkm/pose', '/pkm/twist', '/pkm/markers'}
+
+
+def frames_of(reader):
+    """Return {topic: frame of its last message} of what has a header."""
+    frames = {}
+    for connection, _, data in reader.messages():
+        message = reader.deserialize(data, connection.msgtype)
+        header = getattr((getattr(message, 'markers', None) or [message])[0], 'header', None)
+        if header is not None:
+            frames[connection.topic] = header.frame_id
+    return frames
 
 
 def test_saved_feedforward_is_the_best_that_was_driven(runs, simulated):
