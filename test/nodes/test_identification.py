@@ -41,7 +41,9 @@ class Cell:
         return self.goals[-1]
 
     def close(self):
-        self._server.destroy()
+        if self._server is not None:
+            self._server.destroy()
+            self._server = None
 
 
 class Client:
@@ -128,6 +130,16 @@ def test_refusal_of_the_cell_ends_the_goal_with_its_reason(cell_of, client):
     status, message = client.end(client.send(joints=['d3']))
     assert status == GoalStatus.STATUS_ABORTED
     assert message == 'd3_slow_moves: ' + cell.ended.result()
+
+
+def test_generator_that_is_gone_in_the_midst_of_a_cycle_ends_the_goal(cell_of, client):
+    cell = cell_of()
+    goal = client.send(joints=['d3'])
+    cell.wait_for_goal()
+    cell.close()
+    status, message = client.end(goal)
+    assert status == GoalStatus.STATUS_ABORTED
+    assert message == 'd3_slow_moves: the trajectory_generator is gone; start it again'
 
 
 def test_second_goal_is_refused_while_one_runs(graph, cell_of, client):

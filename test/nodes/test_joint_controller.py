@@ -189,6 +189,23 @@ def test_after_a_safe_stop_the_law_starts_afresh(graph, axis):
     assert [command.voltage for command in axis.run(3)] == fresh
 
 
+def test_cycle_that_is_stopped_by_an_event_is_over_also_without_a_machine_that_says_so(graph, axis):
+    graph.start(JointControllerNode, joint='d3')
+    events = graph.publisher(CycleEvent, 'cycle_events')
+    axis.load(1)
+    fresh = [command.voltage for command in axis.run(1)]
+    axis.load(2)
+    axis.sample(2, 0, axis.reference[0] - 50 * UM)
+    axis.answer()
+    for cycle in (7, 2):  # the first one is not the running cycle
+        events.publish(CycleEvent(event=CycleEvent.STOP, source='somebody', cycle=cycle))
+        graph.next_event(CycleEvent.STOP, cycle=cycle)
+        axis.send(axis.message(3))
+        answer = graph.next_event(CycleEvent.REFUSED if cycle == 7 else CycleEvent.LOADED)
+        assert answer.cycle == 3
+    assert [command.voltage for command in axis.run(3)] == fresh
+
+
 def test_after_a_reset_of_the_machine_the_law_starts_afresh_also_without_a_fault(graph, axis):
     graph.start(JointControllerNode, joint='d3')
     events = graph.publisher(CycleEvent, 'cycle_events')
@@ -419,6 +436,8 @@ def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
     axis.load(1, learning_law='fourier')
     axis.run(1)
     axis.load(2, learning_law='fourier')
+    notice = graph.next_event(CycleEvent.NOTICE, cycle=1)
+    assert notice.message == 'd3: no answer from learning/update for 0.2 s; going on with the feedforward there is'
     assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+import time
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from pkm_core.trajectory import DERIVATIVES, to_joints
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, PlatformPose, SampledTrajectory
 from pkm_nodes.conversions import trajectory_from_msg
-from pkm_nodes.node import LAST_VALUE_QOS
+from pkm_nodes.node import LAST_VALUE_QOS, PkmNode
 from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
 
 JOINTS = ('d1', 'd3', 'd5', 'd7')
@@ -81,6 +82,14 @@ class Machine:
         trajectory = self.start(cycle)
         self.finish(cycle)
         return trajectory
+
+
+class SilentMachine(PkmNode):
+    """All that a machine in the midst of a tick shows of itself."""
+
+    def __init__(self, **kwargs):
+        super().__init__('machine', **kwargs)
+        self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
 
 
 @pytest.fixture
@@ -334,6 +343,37 @@ def test_cycle_that_is_refused_or_stopped_ends_the_goal_with_the_reason(graph, c
     assert result.message == 'machine: the door is open'
     goal = client.send(motion=MOTION)
     cell.run(3)
+    assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_machine_that_is_gone_in_the_midst_of_a_cycle_ends_the_goal_also_if_another_has_come(graph, client, cell):
+    machine = graph.start(SilentMachine)
+    graph.start(TrajectoryGeneratorNode)
+    goal = client.send(motion=MOTION, cycles=3)
+    cell.run(1)
+    cell.start(2)
+    graph.next_event(CycleEvent.STARTED, cycle=2)
+    graph.start(SilentMachine)  # before the graph knows of the end of the first one
+    graph.stop(machine)
+    stop = graph.next_event(CycleEvent.STOP, cycle=2)
+    assert stop.source == 'trajectory_generator'
+    status, result = client.result(goal)
+    assert (status, result.cycles_completed) == (GoalStatus.STATUS_ABORTED, 1)
+    assert result.message == f'cycle 2: {stop.message}'
+    assert 'the machine that ran it is gone' in stop.message
+    goal = client.send(motion=MOTION)
+    cell.run(3)
+    assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_machine_that_is_slow_is_waited_for(graph, client, cell):
+    graph.start(SilentMachine)
+    graph.start(TrajectoryGeneratorNode)
+    goal = client.send(motion=MOTION)
+    cell.start(1)
+    looked_until = time.monotonic() + 2.5
+    graph.spin_until(lambda: time.monotonic() > looked_until, 'two looks of the generator at the graph')
+    cell.finish(1)
     assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
 
 

@@ -70,6 +70,45 @@ def test_cell_goes_on_after_restart_and_reset(domain, tmp_path):
     assert len(read_cycle(log.bags[-1]).ticks) == 680
 
 
+def test_machine_killed_in_mid_cycle_ends_the_goal_and_goes_on_when_started_again(domain, tmp_path):
+    cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
+    with cell, CellClient() as client:
+        client.wait_until_up(cell.check)
+        execute_and_kill('machine', client, cell, r'cycle 2: the machine that ran it is gone')
+        log = client.execute('four_dof_70ms', 1, 'none', cell.check, lambda _: None)
+    whole, cut, again = (read_cycle(path) for path in sorted((tmp_path / 'bags').iterdir()))
+    assert again.path == log.bags[-1]
+    assert len(whole.ticks) == len(again.ticks) == 680
+    assert 0 < len(cut.ticks) < 680
+    events = read_topics(cut.path, ['/pkm/cycle_events'])['/pkm/cycle_events']
+    assert any(event.event == CycleEvent.STOP and 'is gone' in event.message for event in events)
+
+
+@pytest.mark.slow
+def test_generator_killed_in_mid_cycle_leaves_a_cycle_that_ends_and_numbers_go_on(domain, tmp_path):
+    cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
+    with cell, CellClient() as client:
+        client.wait_until_up(cell.check)
+        execute_and_kill('trajectory_generator', client, cell, '')
+        log = client.execute('four_dof_70ms', 1, 'none', cell.check, lambda _: None)
+    records = [read_cycle(path) for path in sorted((tmp_path / 'bags').iterdir())]
+    assert [len(record.ticks) for record in records] == [680] * 3
+    assert records[-1].path == log.bags[-1]
+
+
+def execute_and_kill(name, client, cell, reason):
+    """Run five cycles, kill the process `name` in the second one, and start it again when the goal has ended."""
+
+    def kill_in_the_next_cycle(feedback):
+        if feedback.cycle == 1:
+            sleep(0.3)  # a cycle of 680 ticks takes about a second
+            cell.processes[name].send_signal(signal.SIGKILL)
+
+    with pytest.raises(PkmError, match=f'(?s){name} has ended with code -9.*{reason}'):
+        client.execute('four_dof_70ms', 5, 'none', cell.check, kill_in_the_next_cycle)
+    cell.start(name)
+
+
 def execute_when_up(client, cell):
     """Run one cycle; ask again while the process just started is not up, which on a busy machine outlasts a cycle."""
     deadline = monotonic() + 90.0

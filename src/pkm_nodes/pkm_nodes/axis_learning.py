@@ -45,6 +45,7 @@ class AxisLearning:
         self._logger = node.get_logger()
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._cycle = 0  # that was learned from last
         self._call = None  # under way
         self._asked_by = None  # the monitor at that time
         self._until = 0
@@ -72,11 +73,8 @@ class AxisLearning:
     def is_under_way(self):
         """Tell whether the service has still to answer; who has waited too long goes on without."""
         if self._call is not None and self._wall.now().nanoseconds > self._until:
-            self._logger.error(
-                f'no answer from {self._service.srv_name} for {LEARNING_TIMEOUT} s; going on with '
-                f'the feedforward I have'
-            )
             self._call = None
+            self._go_on_without(f'no answer from {self._service.srv_name} for {LEARNING_TIMEOUT} s')
         return self._call is not None
 
     def learn(self, message, error, gains):
@@ -85,10 +83,9 @@ class AxisLearning:
         self.feedforward = decision.feedforward
         # the monitor counts cycles since learning began; an update that failed is none
         self._iteration = min(self._iteration, decision.iteration)
+        self._cycle = message.cycle
         if decision.message:
-            self.notice = decision.message
-            self._logger.warn(decision.message)
-            self._events.publish(CycleEvent.NOTICE, message.cycle, message=decision.message)
+            self._tell(decision.message)
         if not decision.learn:
             return
         request = UpdateFeedforward.Request(
@@ -117,8 +114,16 @@ class AxisLearning:
         if response.success and (len(feedforward) != samples or not np.isfinite(feedforward).all()):
             refusal = f'learning answered {feedforward} ({len(feedforward)} values); expected {samples} finite ones'
         if refusal:
-            self._logger.error(f'{refusal}; going on with the feedforward I have')
+            self._go_on_without(refusal)
         else:
             self.feedforward = feedforward
             self._iteration += self._asked_by is self._monitor  # not if learning has begun anew meanwhile
         self._on_end()
+
+    def _go_on_without(self, reason):
+        self._tell(f'{self._joint}: {reason}; going on with the feedforward there is')
+
+    def _tell(self, notice):
+        self.notice = notice
+        self._logger.warn(notice)
+        self._events.publish(CycleEvent.NOTICE, self._cycle, message=notice)

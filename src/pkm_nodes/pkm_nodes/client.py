@@ -17,11 +17,12 @@ from pkm_interfaces.srv import SaveLearned
 from pkm_nodes.events import subscribe_events
 from pkm_nodes.graph import NAMESPACE
 from pkm_nodes.node import PkmNode
+from pkm_nodes.presence import Presence
 
 # [s, wall] starting ten processes on a busy two-core machine took 20 s; the rest is reserve
 _UP_TIMEOUT = 90.0
-# [s, wall] from the death of a process to the end of the goal: the machine's answer_timeout and some reserve
-_SAFE_STOP_TIMEOUT = 15.0
+# [s, wall] from the death of a process to the end of the goal: a machine is given up after 20 s, the rest is reserve
+_DEATH_TIMEOUT = 40.0
 # [s, wall] from the last tick to the closed bag
 _RECORDED_TIMEOUT = 10.0
 
@@ -50,8 +51,7 @@ class CellClient:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
-        self._log = CycleLog()
-        self._started = self._first = None
+        self._begin_log()
         subscribe_events(self._node, self._on_event)
         return self
 
@@ -60,17 +60,22 @@ class CellClient:
         self._node.destroy_node()
         rclpy.try_shutdown()
 
+    def _begin_log(self):
+        self._log, self._of_goal = CycleLog(), set()  # and the cycles it is of
+        self._started = self._first = None
+
     def _on_event(self, event):
         now = monotonic()
         if event.event == CycleEvent.STARTED:
             self._started, self._started_tick = now, event.tick
+            self._of_goal.add(event.cycle)
             self._first = self._first or now
         elif event.event in (CycleEvent.FINISHED, CycleEvent.FAULT) and self._started is not None:
             self._log.ticks += event.tick - self._started_tick
             self._log.seconds_in_cycles += now - self._started
             self._log.seconds = now - self._first
             self._started = None
-        elif event.event == CycleEvent.RECORDED:
+        elif event.event == CycleEvent.RECORDED and event.cycle in self._of_goal:
             self._log.bags.append(Path(event.message))
         elif event.event == CycleEvent.NOT_RECORDED:
             self._log.unrecorded.append(f'cycle {event.cycle} is not recorded: {event.message}')
@@ -110,19 +115,11 @@ class CellClient:
 
         """
         goal = ExecuteMotion.Goal(motion=str(motion), cycles=cycles, learning_law=law, learned=str(learned))
+        self._begin_log()
+        self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
         sent = self._client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
         self._spin_until(sent.done, check, _UP_TIMEOUT, 'the cell did not answer the goal')
-        result = sent.result().get_result_async()
-        try:
-            self._spin_until(lambda: result.done() or self._log.unrecorded, check, inf, '')
-            if self._log.unrecorded:
-                sent.result().cancel_goal_async()
-                self._spin_until(result.done, check, inf, '')
-        except PkmError as death:
-            # a machine that misses the answers of a process that has ended stops safely, and says so
-            self._spin_until(result.done, lambda: None, _SAFE_STOP_TIMEOUT, f'{death}\nand the goal did not end')
-            raise PkmError(f'{death}\n{result.result().result.message}') from None
-        answer = result.result()
+        answer = self._wait_for_result(sent.result(), 'execute_motion', check, lambda: bool(self._log.unrecorded))
         if self._log.unrecorded or answer.status != GoalStatus.STATUS_SUCCEEDED:
             reason = next(iter(self._log.unrecorded), answer.result.message)
             raise PkmError(f'after {answer.result.cycles_completed} of {cycles} cycles: {reason}')
@@ -135,6 +132,34 @@ class CellClient:
         if self._log.unrecorded:
             raise PkmError(self._log.unrecorded[0])
         return self._log
+
+    def _wait_for_result(self, goal, action, check, is_enough=lambda: False):
+        """
+        Return the answer to a `goal` handle of `action`; it is cancelled when `is_enough()`.
+
+        Raises
+        ------
+        PkmError
+            If a process has ended, see `check`, or whoever offers the action: a goal of theirs would never end.
+
+        """
+        answer, server = goal.get_result_async(), Presence(self._node, f'{action}/_action/status')
+
+        def over():
+            return answer.done() or server.has_ended()
+
+        try:
+            self._spin_until(lambda: over() or is_enough(), check, inf, '')
+            if not over():
+                goal.cancel_goal_async()
+                self._spin_until(over, check, inf, '')
+        except PkmError as death:
+            # a machine that misses the answers of a process that has ended stops safely, and says so
+            self._spin_until(over, lambda: None, _DEATH_TIMEOUT, f'{death}\nand the goal did not end')
+            raise PkmError(f'{death}\n{answer.result().result.message if answer.done() else ""}'.rstrip()) from None
+        if not answer.done():
+            raise PkmError(f'the node that offered {action} is gone, and the goal with it')
+        return answer.result()
 
     def save_learned(self, path, check):
         """Have the cell save the best of what it has learned last; `PkmError` if it refuses."""

@@ -26,7 +26,7 @@ class ControllerNode(PkmNode, ABC):
     A controller of one or more joints; the law is that of a subclass.
 
     A cycle is reported as LOADED when its trajectory is in place, and what has been learned. While a cycle runs nothing
-    but its end, a safe stop or a reset of the machine changes what is loaded.
+    but its end, a safe stop, a STOP event or a reset of the machine changes what is loaded.
     """
 
     def __init__(self, name, kind, **kwargs):
@@ -84,7 +84,8 @@ class ControllerNode(PkmNode, ABC):
         return ''
 
     def _on_event(self, event):
-        if event.event == CycleEvent.RESET:
+        stopped = event.event == CycleEvent.STOP and self._running and event.cycle == self._message.cycle
+        if stopped or event.event == CycleEvent.RESET:
             self._drop()
 
     def _drop(self):

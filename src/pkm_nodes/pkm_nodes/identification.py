@@ -32,6 +32,7 @@ from pkm_interfaces.msg import CycleEvent, Excitation
 from pkm_nodes.conversions import IDENTIFY, fit_to_msg, trajectory_to_msg
 from pkm_nodes.events import CycleEvents, subscribe_events
 from pkm_nodes.node import PkmNode, run
+from pkm_nodes.presence import Presence
 
 # [s, wall] to find the other nodes, and from the end of a cycle to its closed bag
 _DISCOVERY = 5.0
@@ -155,9 +156,13 @@ class IdentificationNode(PkmNode):
                 for column, joint in joints
             ],
         )
-        before = self._cycle
+        before, generator = self._cycle, Presence(self, 'execute_motion/_action/status')
         handle = await self._motion.send_goal_async(goal)
-        answer = await handle.get_result_async()
+        ended = handle.get_result_async()
+        await self._until(lambda: ended.done() or generator.has_ended())
+        if not ended.done():
+            raise IdentificationError(f'{experiment.name}: the trajectory_generator is gone; start it again')
+        answer = ended.result()
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             raise IdentificationError(f'{experiment.name}: {answer.result.message}')
         if not await self._until(lambda: self._cycle > before and self._cycle in self._bags, _RECORDED):

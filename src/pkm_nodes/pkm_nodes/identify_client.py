@@ -1,19 +1,15 @@
 """A client of the cell that can also have its axes identified."""
 
-from math import inf
-
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 
 from pkm_core.errors import PkmError
 from pkm_interfaces.action import Identify
-from pkm_nodes.client import CellClient, CycleLog
+from pkm_nodes.client import CellClient
 
 # [s, wall] to find the action server in a cell that is up, and for its answer to a goal
 _ANSWER_TIMEOUT = 30.0
-# [s, wall] from the death of a process to the end of the goal: the machine's answer_timeout and some reserve
-_SAFE_STOP_TIMEOUT = 15.0
 
 
 class IdentifyClient(CellClient):
@@ -27,11 +23,6 @@ class IdentifyClient(CellClient):
     def __exit__(self, *arguments):
         self._identify.destroy()
         super().__exit__(*arguments)
-
-    def execute(self, *arguments, **options):
-        """As `CellClient.execute`, its account without cycles of an identification or motion before."""
-        self._log = CycleLog()
-        return super().execute(*arguments, **options)
 
     def reload(self, joints, check):
         """Have the running controllers take up what the configuration has now; `PkmError` with all refusals."""
@@ -62,13 +53,7 @@ class IdentifyClient(CellClient):
         self._spin_until(self._identify.server_is_ready, check, _ANSWER_TIMEOUT, 'the cell did not offer identify')
         sent = self._identify.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
         self._spin_until(sent.done, check, _ANSWER_TIMEOUT, 'the cell did not answer the goal')
-        result = sent.result().get_result_async()
-        try:
-            self._spin_until(result.done, check, inf, '')
-        except PkmError as death:
-            self._spin_until(result.done, lambda: None, _SAFE_STOP_TIMEOUT, f'{death}\nand the goal did not end')
-            raise PkmError(f'{death}\n{result.result().result.message}') from None
-        answer = result.result()
+        answer = self._wait_for_result(sent.result(), 'identify', check)
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             raise PkmError(answer.result.message)
         return answer.result

@@ -2,8 +2,9 @@
 Node `trajectory_generator`: the action execute_motion in, one pose_trajectory a cycle out.
 
 It leads a motion through its cycles: publish the trajectory, wait until the machine has run it, go on. A trajectory is
-sent again every second until the machine starts the cycle, so it does not matter which node came up last. An experiment
-of identification is planned in joints: with its pose_trajectory go the joint_trajectory itself and the excitation.
+sent again every second until the machine starts the cycle, so it does not matter which node came up last. A machine
+tells the end of its cycle; only one that is gone does not: its cycle is given up with a STOP event. An experiment of
+identification is planned in joints: with its pose_trajectory go the joint_trajectory itself and the excitation.
 """
 
 import sys
@@ -28,8 +29,9 @@ from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, Excitation
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.conversions import IDENTIFY, trajectory_from_msg, trajectory_to_msg
-from pkm_nodes.events import subscribe_events
+from pkm_nodes.events import CycleEvents, subscribe_events
 from pkm_nodes.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, run
+from pkm_nodes.presence import Presence
 
 
 class TrajectoryGeneratorNode(PkmNode):
@@ -48,6 +50,7 @@ class TrajectoryGeneratorNode(PkmNode):
         self._outcome = None  # Future of the running cycle: None or the reason why it ended
         self._pending = ()  # (publisher, message) of the running cycle, to send again
         self._deadline = inf
+        self._running_machine = None  # Presence, while a cycle runs
         self._metrics = {}
         self._all_metrics = None  # Future: the metrics of all joints are here
         self._poses = self.create_publisher(SampledTrajectoryMessage, 'pose_trajectory', CYCLE_QOS)
@@ -55,10 +58,11 @@ class TrajectoryGeneratorNode(PkmNode):
         self._excitation = self.create_publisher(Excitation, 'excitation', CYCLE_QOS)
         for joint in self._machine.joints:
             self.create_subscription(CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
+        self._events = CycleEvents(self, 'trajectory_generator')
         subscribe_events(self, self._on_event)
         self.create_subscription(UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._send_again, clock=self._wall)
+        self.create_timer(1.0, self._look_after, clock=self._wall)
         self.offer('trajectory_generator/reload', self._reload)
         self._server = ActionServer(
             self, ExecuteMotion, 'execute_motion', self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
@@ -195,7 +199,8 @@ class TrajectoryGeneratorNode(PkmNode):
         for publisher, message in self._pending:
             publisher.publish(message)
 
-    def _send_again(self):
+    def _look_after(self):
+        """Send the trajectory of a cycle that has not started again, and wait for nobody for ever."""
         now = self._seconds()
         if self._pending and now > self._deadline:
             heard = self.count_subscribers(self._poses.topic_name)
@@ -205,6 +210,10 @@ class TrajectoryGeneratorNode(PkmNode):
             )
         elif self._pending:
             self._publish_pending()
+        elif self._running_machine is not None and self._running_machine.has_ended():
+            reason = 'the machine that ran it is gone, nothing has come from its process for 20 s; start it again'
+            self._events.publish(CycleEvent.STOP, self._cycle, message=reason)  # frees the controllers
+            self._end_cycle(f'cycle {self._cycle}: {reason}')
         elif self._all_metrics is not None and not self._all_metrics.done() and now > self._deadline:
             self._all_metrics.set_result(None)
 
@@ -218,6 +227,7 @@ class TrajectoryGeneratorNode(PkmNode):
         if event.event == CycleEvent.STARTED:
             self._pending = ()
             self._deadline = inf
+            self._running_machine = Presence(self, 'machine/cycle')
         elif event.event == CycleEvent.FINISHED:
             self._deadline = self._seconds() + self._metrics_timeout
             self._end_cycle('')
@@ -225,7 +235,7 @@ class TrajectoryGeneratorNode(PkmNode):
             self._end_cycle(f'{event.source}: {event.message}')
 
     def _end_cycle(self, reason):
-        self._pending = ()
+        self._pending, self._running_machine = (), None
         if self._outcome is not None and not self._outcome.done():
             self._outcome.set_result(reason)
 

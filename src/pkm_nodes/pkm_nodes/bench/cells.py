@@ -157,7 +157,6 @@ class Cell:
         )
         for bag in log.bags:
             shutil.rmtree(bag)
-        log.bags.clear()
         return self._client.take_cycles(cycles, self._cell.check)
 
     def _pids(self):
