@@ -65,6 +65,13 @@ def test_kinds_and_positions_choose_the_experiments(planar):
     }
 
 
+def test_stroke_and_jog_are_those_that_are_wished(planar):
+    moves, jog = planned(planar, joints=('d1',), positions=1, stroke=3e-3, jog_speed=12e-3)['d1']
+    path = moves.trajectory.position[:, 0]
+    assert np.abs(path[moves.trajectory.move_ends] - path[moves.trajectory.move_starts]) == pytest.approx(3e-3)
+    assert np.abs(jog.trajectory.velocity[jog.excitation[:, 0] != 0, 0]) == pytest.approx(12e-3)
+
+
 @pytest.mark.parametrize(
     ('wanted', 'reason'),
     [
@@ -74,8 +81,11 @@ def test_kinds_and_positions_choose_the_experiments(planar):
         ({'positions': 21}, 'positions: 21; allowed up to 20'),
         ({'band': (80.0, 1500.0)}, 'sweep from 80 to 1500 Hz; expected 0 < from < to < 1000 Hz'),
         ({'band': (0.0, 500.0)}, 'sweep from 0 to 500 Hz; expected 0 < from'),
-        ({'band': (80.0, math.nan)}, 'band: nan given'),
-        ({'voltage': -1.0}, 'voltage: -1.0 given; expected a finite number from 0'),
+        ({'band': (80.0, math.nan)}, 'band: nan Hz given'),
+        ({'voltage': -1.0}, 'voltage: -1.0 V given; expected a finite number from 0'),
+        ({'stroke': math.inf}, 'stroke: inf m given; expected a finite number from 0'),
+        ({'stroke': 0.05}, r'd1: a stroke of 50\.0 mm leaves the travel; allowed 39\.0 mm'),
+        ({'stroke': 0.03}, r'd1 at sample \d+ moves at \d\.\d+ m/s; allowed 0\.8 m/s'),
         ({'jog_speed': 0.2}, r'a stroke of \d+\.\d mm leaves the travel; allowed \d+\.\d mm'),
     ],
 )

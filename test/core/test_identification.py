@@ -180,6 +180,10 @@ def test_verb_writes_model_pictures_and_figures(tmp_path):
     [
         (['--band', '80', '1200'], '80 to 1200 Hz'),
         (['--joint', 'd9'], "'d9'"),
+        (['--stroke', '50'], r'a stroke of 50\.0 mm leaves the travel'),
+        (['--jog', '60'], r'a stroke of \d+\.\d mm leaves the travel'),
+        (['--voltage', '-1'], r'voltage: -1\.0 V given'),
+        (['--positions', '21'], 'positions: 21; allowed up to 20'),
         (['--environment', 'mars'], "'mars' is unknown"),
     ],
 )

@@ -70,6 +70,12 @@ D1 = 'd1: {lower: 59.5 mm, upper: 99.5 mm, home: 79.5 mm}'
 REFUSED = [
     ('four_dof', 'm2: 0.104 kg', 'm2: -0.104 kg', "masses.m2: '-0.104 kg' given; input should be greater than 0"),
     ('four_dof', 'm2: 0.104 kg', 'm2: 0.104', 'masses.m2: 0.104 has no unit'),
+    (
+        'four_dof',
+        D1,
+        D1.replace('59.5 mm', '59.5'),
+        "d1.lower: 59.5 has no unit; expected a quantity in mm, e.g. '59.5 mm'",
+    ),
     ('four_dof', 'm2: 0.104 kg', 'm2: 0.104 mm', "masses.m2: '0.104 mm' has the dimension of"),
     ('four_dof', 'm2: 0.104 kg', 'm2: .nan kg', 'masses.m2'),
     ('four_dof', '  m2: 0.104 kg', '  mass2: 0.104 kg', 'masses.m2: is missing'),

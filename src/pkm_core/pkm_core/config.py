@@ -19,6 +19,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pkm_core.errors import ConfigError
 
 _FROM_FILE = {'from_file': True}
+# what people write instead of the SI unit: the example of a refusal should be near what was meant
+_USUAL = {'m': 'mm', 's': 'ms', 'rad': 'deg'}
 
 
 class Config(BaseModel):
@@ -40,7 +42,8 @@ def _to_si(value, unit, info):
         raise ValueError(f'{value!r} is not a quantity; expected a number in {unit or "1"}')
     if isinstance(value, (int, float)):
         if from_file and unit:
-            raise ValueError(f"{value!r} has no unit; expected a quantity in {unit}, e.g. '{value} {unit}'")
+            usual = _USUAL.get(unit, unit)
+            raise ValueError(f"{value!r} has no unit; expected a quantity in {usual}, e.g. '{value} {usual}'")
         return float(value)
     import pint
 

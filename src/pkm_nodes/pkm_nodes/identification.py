@@ -91,7 +91,13 @@ class IdentificationNode(PkmNode):
     async def _identify(self, goal_handle, result):
         goal, machine = goal_handle.request, self._machine
         request = Request(
-            tuple(goal.joints), goal.kind, goal.positions, tuple(goal.band.tolist()), goal.voltage, goal.jog_speed
+            tuple(goal.joints),
+            goal.kind,
+            goal.positions,
+            tuple(goal.band.tolist()),
+            goal.voltage,
+            goal.jog_speed,
+            goal.stroke,
         )
         models, control = load_model(machine), choose_control(machine, self._control)
         if kind_of(control) != 'robust':

@@ -19,15 +19,29 @@ from pkm_core.control.robust import load_control
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.verbs.design_output import JsonOption, MachineOption, SeedOption, write_json
+from pkm_core.verbs.identify import (
+    BAND,
+    JOG,
+    VOLTAGE,
+    BandOption,
+    JogOption,
+    JointsOption,
+    PositionsOption,
+    StrokeOption,
+    VoltageOption,
+)
 from pkm_nodes.run import Arrangement
 
 
 def identify_cell(
     machine: MachineOption = 'four_dof',
-    joint: Annotated[list[str] | None, typer.Option(help='Axis to identify, repeatable; all by default.')] = None,
+    joint: JointsOption = None,
     kind: Annotated[str, typer.Option(help=f'Which experiments: {", ".join(KINDS)}.')] = 'both',
-    positions: Annotated[int, typer.Option(min=1, help='Places of the motor pair that the sweep visits.')] = POSITIONS,
-    band: Annotated[tuple[float, float], typer.Option(help='The swept sine [Hz].')] = (80.0, 500.0),
+    positions: PositionsOption = POSITIONS,
+    band: BandOption = BAND,
+    voltage: VoltageOption = VOLTAGE,
+    jog: JogOption = JOG,
+    stroke: StrokeOption = 0.0,
     seed: SeedOption = 1,
     environment: Annotated[str, typer.Option(help='How rough the world is: a section of config/truth.')] = 'nominal',
     arrangement: Annotated[Arrangement, typer.Option(help='One process, or one a node.')] = Arrangement.composed,
@@ -43,7 +57,7 @@ def identify_cell(
     Example: `pkm identify-cell --machine planar --joint d1 --out runs/identified`
     """
     console, system = Console(), load_machine(machine)
-    request = Request(tuple(joint or ()), kind, positions, band)
+    request = Request(tuple(joint or ()), kind, positions, band, voltage, 1e-3 * jog, 1e-3 * stroke)
     # what the node would refuse starts no process
     plan(system, request, load_model(system), load_control(system))
     out = writable_folder(out or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{system.name}_identified')
@@ -92,6 +106,7 @@ def goal_of(request):
         band=list(request.band),
         voltage=request.voltage,
         jog_speed=request.jog_speed,
+        stroke=request.stroke,
     )
 
 

@@ -29,6 +29,7 @@ class Request:
     band: tuple[float, float] = (0.0, 0.0)  # [Hz] of the sweep, 0 0: that of `Sweep`
     voltage: float = 0.0  # [V] largest amplitude of the sweep
     jog_speed: float = 0.0  # [m/s] of the jog under the sweep
+    stroke: float = 0.0  # [m] of the slow moves
 
     def __post_init__(self):
         if self.kind not in ('', *KINDS):
@@ -37,9 +38,15 @@ class Request:
             raise IdentificationError(f'joints {list(self.joints)}: one is named twice')
         if self.positions > _MOST_POSITIONS:
             raise IdentificationError(f'positions: {self.positions}; allowed up to {_MOST_POSITIONS}')
-        for name, value in (('voltage', self.voltage), ('jog_speed', self.jog_speed), ('band', sum(self.band))):
+        sizes = {
+            'voltage': (self.voltage, 'V'),
+            'jog_speed': (self.jog_speed, 'm/s'),
+            'stroke': (self.stroke, 'm'),
+            'band': (sum(self.band), 'Hz'),
+        }
+        for name, (value, unit) in sizes.items():
             if not (math.isfinite(value) and value >= 0):
-                raise IdentificationError(f'{name}: {value} given; expected a finite number from 0')
+                raise IdentificationError(f'{name}: {value} {unit} given; expected a finite number from 0')
 
     @property
     def moves(self):
@@ -81,7 +88,7 @@ def plan(machine, request, models, control):
     for joint in request.joints or machine.joints:
         if joint not in machine.joints:
             raise IdentificationError(f'joint {joint!r} is unknown; {machine.name} has {list(machine.joints)}')
-        plans[joint] = [slow_moves(machine, joint, models[joint])] if request.moves else []
+        plans[joint] = [slow_moves(machine, joint, models[joint], stroke=request.stroke)] if request.moves else []
         if request.shakes:
             stations = request.positions or POSITIONS
             plans[joint] += sweeps(machine, joint, models[joint], control[joint], request.sweep(), stations)

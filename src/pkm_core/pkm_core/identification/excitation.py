@@ -52,14 +52,16 @@ def experiments(machine, joint, models, control, sweep=None):
     ]
 
 
-def slow_moves(machine, joint, model, stations=5):
+def slow_moves(machine, joint, model, *, stroke=0.0, stations=5):
     """
     Return the `Experiment` for L: the thesis's move there and back, twice, at each of `stations` places of the pair.
 
-    `model` is what is believed of the axis; only the forecast of the voltage needs it.
+    `model` is what is believed of the axis; only the forecast of the voltage needs it. A `stroke` [m] other than 0
+    replaces the length of the thesis's move, not its duration.
     """
     own, pair = _directions(machine, joint)
-    length, duration = _MOVES.get(machine.config.mechanism, {}).get(joint, _OTHER_MOVES)
+    usual, duration = _MOVES.get(machine.config.mechanism, {}).get(joint, _OTHER_MOVES)
+    length = stroke or usual
     path = Path(machine)
     path.rest(_SETTLED)
     for shift in _stations(machine, own, pair, 0.5 * length, stations):

@@ -5,16 +5,44 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pkm_core.commissioning.plan import POSITIONS, Request, plan
+from pkm_core.identification.sweep import Sweep
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import JsonOption, MachineOption, OutOption, SeedOption, folder, progress, write_json
+from pkm_core.verbs.design_output import (
+    JsonOption,
+    MachineOption,
+    OutOption,
+    SeedOption,
+    finite,
+    folder,
+    progress,
+    write_json,
+)
+
+# what is asked of the axes, in the graph and without it
+JointsOption = Annotated[list[str] | None, typer.Option(help='Axis to identify, repeatable; all by default.')]
+PositionsOption = Annotated[int, typer.Option(min=1, help='Places of the motor pair that the sweep visits.')]
+BandOption = Annotated[tuple[float, float], typer.Option(help='The swept sine [Hz].')]
+VoltageOption = Annotated[float, typer.Option(callback=finite, help='Largest amplitude of the swept sine [V].')]
+JogOption = Annotated[
+    float, typer.Option(callback=finite, help='Speed of the jog under the sweep [mm/s]; its stroke grows with it.')
+]
+StrokeOption = Annotated[
+    float, typer.Option(callback=finite, help="Stroke of the slow moves [mm]; 0 takes the thesis's, 4 to 10 mm.")
+]
+BAND, VOLTAGE, JOG = Sweep().band, Sweep().voltage, 1e3 * Sweep().speed
 
 
 def identify(
     machine: MachineOption = 'four_dof',
-    joint: Annotated[list[str] | None, typer.Option(help='Axis to identify, repeatable; all by default.')] = None,
+    joint: JointsOption = None,
     seed: SeedOption = 1,
     environment: Annotated[str, typer.Option(help='How rough the world is: a section of config/truth.')] = 'nominal',
-    band: Annotated[tuple[float, float], typer.Option(help='The swept sine [Hz].')] = (80.0, 500.0),
+    positions: PositionsOption = POSITIONS,
+    band: BandOption = BAND,
+    voltage: VoltageOption = VOLTAGE,
+    jog: JogOption = JOG,
+    stroke: StrokeOption = 0.0,
     control: Annotated[
         str, typer.Option(help="Gains that run meanwhile: of config/control, or a YAML file; '' is the machine's.")
     ] = '',
@@ -34,25 +62,22 @@ def identify(
     """
     from pkm_core.control.model import load_model
     from pkm_core.control.robust import load_control
-    from pkm_core.identification.excitation import experiments
     from pkm_core.identification.figures import draw_identification
     from pkm_core.identification.identify import identify_joint
     from pkm_core.identification.loop import SimulatedCell
     from pkm_core.identification.model_file import write_model
     from pkm_core.identification.summary import as_figures, show
-    from pkm_core.identification.sweep import Sweep
 
     console, system, out = Console(), load_machine(machine), folder(out)
     believed, gains = load_model(system), load_control(system, control or None)
-    plans = {  # all are checked before anything moves
-        name: experiments(system, name, believed, gains, Sweep(band=band)) for name in joint or system.joints
-    }
+    request = Request(tuple(joint or ()), 'both', positions, band, voltage, 1e-3 * jog, 1e-3 * stroke)
+    plans = plan(system, request, believed, gains)
     cell = SimulatedCell(system, gains, seed, environment)
     found = {}
-    with progress(console, sum(len(plan) + 1 for plan in plans.values())) as step:
-        for name, plan in plans.items():
+    with progress(console, sum(len(of_axis) + 1 for of_axis in plans.values())) as step:
+        for name, of_axis in plans.items():
             records = []
-            for experiment in plan:
+            for experiment in of_axis:
                 step(experiment.name)
                 records.append(cell.run(experiment))
             step(f'{name}: fit')
@@ -60,7 +85,7 @@ def identify(
     show(console, f'{system.name}, seed {seed}, {environment}', found)
     write_json(json_file, {
         'machine': system.name, 'seed': seed, 'environment': environment, 'band_Hz': band,
-        'ticks': sum(len(experiment.trajectory) for plan in plans.values() for experiment in plan),
+        'ticks': sum(len(experiment.trajectory) for of_axis in plans.values() for experiment in of_axis),
         'axes': as_figures(found),
     })  # fmt: skip
     if out:
