@@ -53,7 +53,7 @@ def main():
     parser.add_argument('--cycles', type=int, default=30)
     parser.add_argument('--keep', type=Path, help='keep the stacks in this file, for a flame graph')
     arguments = parser.parse_args()
-    subject = Subject('composed', int(os.environ.get('ROS_DOMAIN_ID', 0)))
+    subject = Subject('composed', int(os.environ.get('ROS_DOMAIN_ID', '0')))
     try:
         subject.word()
         with tempfile.TemporaryDirectory() as folder:

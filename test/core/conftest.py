@@ -39,7 +39,7 @@ class RecordedCycle:
 @cache
 def trajectories(name):
     machine = load_machine(name)
-    by = {joint: 2e-3 for joint in machine.joints}
+    by = dict.fromkeys(machine.joints, 2e-3)
     motion = Motion(machine=name, targets=[Target(by=by)], lead_rest=10e-3, move_time=40e-3, settle_window=50e-3)
     poses = plan(machine, motion)
     return machine, poses, to_joints(machine, poses)

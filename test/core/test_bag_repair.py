@@ -191,7 +191,7 @@ def foreign_bag(folder):
         (lambda folder: (folder / 'a.mcap').write_bytes(b''), "has no MCAP metadata record 'pkm'"),
         (lambda folder: (folder / 'a.mcap').write_text('this is no bag'), "has no MCAP metadata record 'pkm'"),
         (foreign_bag, "is no bag of this cell: has no MCAP metadata record 'pkm'"),
-        (lambda folder: shutil.rmtree(folder), 'no such file or folder'),
+        (shutil.rmtree, 'no such file or folder'),
     ],
 )
 def test_what_is_no_bag_of_this_project_is_refused(tmp_path, content, complaint):

@@ -14,7 +14,7 @@ CODE = re.compile(r'^```.*?^```$|`[^`\n]*`', re.MULTILINE | re.DOTALL)
 
 
 def links(page):
-    return [target for target in LINK.findall(CODE.sub('', page.read_text(encoding='utf-8')))]
+    return LINK.findall(CODE.sub('', page.read_text(encoding='utf-8')))
 
 
 def anchors(page):

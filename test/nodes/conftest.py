@@ -174,7 +174,7 @@ def short_motion(machine):
     """Return a pose trajectory of 40 samples: 0.2 mm forth and back."""
     motion = Motion(
         machine=machine.name,
-        targets=[Target(by={joint: 2e-4 for joint in machine.joints})],
+        targets=[Target(by=dict.fromkeys(machine.joints, 2e-4))],
         lead_rest=1e-3,
         move_time=5e-3,
         settle_window=4e-3,

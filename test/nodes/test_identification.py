@@ -142,7 +142,7 @@ def test_generator_that_is_gone_in_the_midst_of_a_cycle_ends_the_goal(cell_of, c
     assert message == 'd3_slow_moves: the trajectory_generator is gone; start it again'
 
 
-def test_second_goal_is_refused_while_one_runs(graph, cell_of, client):
+def test_second_goal_is_refused_while_one_runs(cell_of, client):
     cell = cell_of()
     first = client.send()
     cell.wait_for_goal()

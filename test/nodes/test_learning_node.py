@@ -199,7 +199,7 @@ def test_saving_waits_until_the_joints_have_asked_about_the_last_cycle_but_not_f
     assert np.array_equal(read(path).feedforward, np.stack(second if late else first, axis=1))
 
 
-def test_saving_is_refused_before_all_joints_have_learned_and_where_nothing_can_be_written(graph, machine, cycles):
+def test_saving_is_refused_before_all_joints_have_learned_and_where_nothing_can_be_written(graph, cycles):
     graph.start(LearningNode)
 
     def refusal(path='/tmp/never.npz'):

@@ -259,7 +259,7 @@ def test_learned_feedforward_of_other_gains_is_refused(graph, client, cell, lear
     assert not cell.trajectories
 
 
-def test_feedforward_of_the_wrong_length_is_refused(graph, client, cell, machine, learned):
+def test_feedforward_of_the_wrong_length_is_refused(graph, client, learned):
     path, feedforward = learned
     save(path, Learned(read(path).origin, feedforward[:-1], {}))
     graph.start(TrajectoryGeneratorNode)

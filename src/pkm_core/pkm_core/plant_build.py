@@ -143,8 +143,7 @@ def _rigid(machine, truth, levels, payload):
 def _contacts(machine, stops):
     rows = []
     for i, (lower, upper) in enumerate(zip(machine.limits.lower, machine.limits.upper, strict=True)):
-        rows.append((-1, i, lower - stops.clearance))
-        rows.append((i, -1, -upper - stops.clearance))
+        rows += [(-1, i, lower - stops.clearance), (i, -1, -upper - stops.clearance)]
     for pair in stops.carriages:
         rows.append((*(machine.joints.index(joint) for joint in pair), stops.carriage_length))
     return np.array(rows, dtype=float)

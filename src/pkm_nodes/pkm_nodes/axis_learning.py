@@ -125,5 +125,5 @@ class AxisLearning:
 
     def _tell(self, notice):
         self.notice = notice
-        self._logger.warn(notice)
+        self._logger.warning(notice)
         self._events.publish(CycleEvent.NOTICE, self._cycle, message=notice)

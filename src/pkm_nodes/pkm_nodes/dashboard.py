@@ -195,9 +195,7 @@ class DashboardNode(PkmNode):
             self.destroy_subscription(self._of_machine.pop())
         for joint in machine.joints:
             topic = f'{joint}/cycle_metrics'
-            self._of_machine.append(
-                self.create_subscription(CycleMetrics, topic, lambda metrics: self.cell.measure(metrics), CYCLE_QOS)
-            )
+            self._of_machine.append(self.create_subscription(CycleMetrics, topic, self.cell.measure, CYCLE_QOS))
 
     def _node_lines(self, present):
         """Return a line for every node there is or should be."""

@@ -96,7 +96,7 @@ class CellProcesses:
                 stderr=subprocess.STDOUT,
                 # a Ctrl-C in the terminal is for the one who leads; the cell is stopped in order afterwards
                 start_new_session=True,
-                preexec_fn=_end_with_parent,
+                preexec_fn=_end_with_parent,  # noqa: PLW1509 (it takes no lock)
             )
 
     def __exit__(self, *_):

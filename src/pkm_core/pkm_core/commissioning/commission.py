@@ -12,8 +12,6 @@ nodes. A bench has
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from pkm_core.commissioning.candidates import Candidate, candidates
 from pkm_core.commissioning.measured import MeasuredResponse, check_measured
 from pkm_core.control.margins import Margins
@@ -149,8 +147,3 @@ def _excess(machine, metrics, limit):
         for joint, axis in zip(machine.joints, metrics, strict=True)
         if not axis.max_dynamic_error <= limit
     ]
-
-
-def worst_error(cycle):
-    """Return the largest dynamic error [m] of any axis in a cycle of a move."""
-    return float(np.max([axis.max_dynamic_error for axis in cycle]))

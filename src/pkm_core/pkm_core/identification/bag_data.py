@@ -192,8 +192,8 @@ def _value(message, signal):
     value = message
     try:
         for part in signal.field.split('.'):
-            part, _, index = part.partition('[')
-            value = getattr(value, part)
+            name, _, index = part.partition('[')
+            value = getattr(value, name)
             if index:
                 index = index.rstrip(']')
                 value = value[int(index) if index.isdigit() else list(message.name).index(index)]

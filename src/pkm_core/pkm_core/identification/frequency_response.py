@@ -176,8 +176,8 @@ def _spectra(values, starts, length, periodic):
     rows = rows - rows.mean(axis=1, keepdims=True)
     if not periodic:
         return np.fft.rfft(rows * np.hanning(length + 1)[:-1], axis=1)
-    for row, start in zip(rows, starts, strict=True):
+    for i, start in enumerate(starts):
         other = start + length if start + length in starts else start - length
         step = np.mean(values[other : other + length] - values[start : start + length]) / (other - start)
-        row -= step * (np.arange(length) - 0.5 * (length - 1))
+        rows[i] -= step * (np.arange(length) - 0.5 * (length - 1))
     return np.fft.rfft(rows, axis=1)

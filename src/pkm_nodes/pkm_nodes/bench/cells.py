@@ -171,7 +171,7 @@ class Cell:
 @contextmanager
 def _page():
     """Show the cell on a page with a viewer."""
-    port = 8400 + int(os.environ.get('ROS_DOMAIN_ID', 0))
+    port = 8400 + int(os.environ.get('ROS_DOMAIN_ID', '0'))
     with _process(Path(sys.prefix) / 'bin' / 'pkm', 'page', '--port', port):
         deadline = monotonic() + _PAGE_TIMEOUT
         while monotonic() < deadline:

@@ -65,9 +65,10 @@ class Floor:
         steps = [self._step(kind) for kind in ('encoder', 'command')]
         begin, processor_begin = perf_counter(), process_time()
         for _ in range(ticks):
-            for publishers, message, missing in steps:
+            for publishers, message, answers in steps:
                 for publish in publishers:
                     publish(message)
+                missing = answers
                 while missing:
                     wait_set.clear_entities()
                     for handle in handles:

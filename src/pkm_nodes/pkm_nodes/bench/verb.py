@@ -101,7 +101,7 @@ def _take_turns(names, turns, cycles, advance):
     samples = round(0.34 / load_machine(MACHINE).sample_time)  # about a cycle of the cells
     amounts = {'mujoco': cycles, 'simulation': 20 * cycles} | dict.fromkeys(FLOORS, cycles * samples)
     measured = {name: {} for name in names}
-    first = int(os.environ.get('ROS_DOMAIN_ID', 0))
+    first = int(os.environ.get('ROS_DOMAIN_ID', '0'))
     with ExitStack() as stack:
         subjects = {}
         for name in sorted(names, key=FLOORS.__contains__):  # the floors last: they have to be told their readers
@@ -123,7 +123,7 @@ def _watch_memory(cycles, advance):
     """Return the memory of the composed cell [MB] after every MEMORY_STEP of `cycles` cycles."""
     if cycles < MEMORY_STEP:
         return []
-    subject = Subject('composed', int(os.environ.get('ROS_DOMAIN_ID', 0)))
+    subject = Subject('composed', int(os.environ.get('ROS_DOMAIN_ID', '0')))
     try:
         subject.word()
         memory = []

@@ -181,10 +181,11 @@ def _below(lines, column):
 
 
 def _size(size):
-    for unit in 'B', 'KiB', 'MiB', 'GiB', 'TiB':
-        if size < 1024 or unit == 'TiB':
-            return f'{size:.{0 if unit == "B" else 1}f} {unit}'
-        size /= 1024
+    units = iter(('B', 'KiB', 'MiB', 'GiB', 'TiB'))
+    unit = next(units)
+    while size >= 1024 and unit != 'TiB':
+        size, unit = size / 1024, next(units)
+    return f'{size:.{0 if unit == "B" else 1}f} {unit}'
 
 
 def _seconds(nanoseconds):

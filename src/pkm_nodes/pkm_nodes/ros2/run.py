@@ -44,4 +44,4 @@ def run(args):
         return '\n- '.join(['Multiple executables found:', *paths])
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores it, and exec would hand that on
     command = [*shlex.split(args.prefix or ''), paths[0], *args.argv]
-    os.execvp(command[0], command)
+    return os.execvp(command[0], command)
