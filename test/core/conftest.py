@@ -1,6 +1,8 @@
-"""Recorded cycles without a cell: what a recorder would have written, from arrays."""
+"""Recorded cycles without a cell: what a recorder would have written, from arrays; and what a package imports."""
 
+import ast
 import json
+import sys
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -163,3 +165,20 @@ def write_bag(start_recording):
         return recording.close()
 
     return write
+
+
+@pytest.fixture(scope='session')
+def imports_of():
+    """Return a function: what the package in a folder imports, but for itself and the standard library."""
+    return imported
+
+
+def imported(package):
+    names = set()
+    for path in (*(package / package.name).rglob('*.py'), *(package / 'launch').glob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names.add(node.module.partition('.')[0])
+    return names - set(sys.stdlib_module_names) - {package.name}
