@@ -9,22 +9,25 @@ import sys
 import zlib
 from collections import Counter
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.reader import SeekingReader
 from mcap.records import Chunk
-from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from pkm_core.bags import damage_refused
 from pkm_core.errors import BagError
+from pkm_core.mcap_blocks import RECORD_HEAD, BlockWriter
 from pkm_core.message_types import typestore
 from pkm_core.rosbag2 import NEVER, FileFacts, bag_information, channel_facts, dump
 
 CHUNK_BYTES = 64 * 1024
-# what a message takes in a chunk beside its data: opcode, length, channel, sequence and two times
-_MESSAGE_OVERHEAD = 31
+# what a message takes in a chunk beside its data: opcode and length, channel, sequence and two times
+_MESSAGE_OVERHEAD = RECORD_HEAD + 22
 
 
 class BagWriter:
@@ -51,10 +54,8 @@ class BagWriter:
 
     def __init__(self, path, topics, metadata, types=None):
         types = types or typestore()
-        self._hashes = {topic: types.hash_rihs01(kind) for topic, kind in topics.items()}
-        self._schemas = {
-            kind: types.generate_msgdef(kind, ros_version=2)[0].encode() for kind in sorted(set(topics.values()))
-        }
+        self._hashes = {topic: _definition(types, kind)[1] for topic, kind in topics.items()}
+        self._schemas = {kind: _definition(types, kind)[0] for kind in sorted(set(topics.values()))}
         self.path = Path(path)
         self._topics, self._metadata = topics, metadata
         self.counts = Counter()
@@ -66,7 +67,7 @@ class BagWriter:
         self._file = self.path / f'{self.path.name}_{len(self._closed)}.mcap'
         self._stream = self._file.open('wb')
         # chunks end where `_flush` ends them: one that the writer ended by itself would stay in the stream's buffer
-        self._writer = Writer(self._stream, chunk_size=sys.maxsize, compression=CompressionType.ZSTD)
+        self._writer = BlockWriter(self._stream, chunk_size=sys.maxsize, compression=CompressionType.ZSTD)
         self._writer.start(profile='ros2', library='pkm_core')
         schemas = {kind: self._writer.register_schema(kind, 'ros2msg', text) for kind, text in self._schemas.items()}
         self._channels = {
@@ -85,15 +86,21 @@ class BagWriter:
 
     def write(self, topic, data, time):
         """Add the serialized message `data` at simulated `time` [ns]."""
-        if time < self._start:
-            self._start = time
-        if time > self._end:
-            self._end = time
-        self._writer.add_message(self._channels[topic], time, data, time, self.counts[topic])
-        self.counts[topic] += 1
-        self._unsaved += _MESSAGE_OVERHEAD + len(data)
-        if self._unsaved >= CHUNK_BYTES:
-            self._flush()
+        self.write_block(topic, np.frombuffer(data, np.uint8)[np.newaxis], np.array([time]))
+
+    def write_block(self, topic, messages, times):
+        """Add serialized messages of equal size, a row of the (n, size) array of bytes each, at `times` (n,) [ns]."""
+        self._start, self._end = min(self._start, int(times.min())), max(self._end, int(times.max()))
+        size = _MESSAGE_OVERHEAD + messages.shape[1]
+        while len(messages):
+            fitting = -(-(CHUNK_BYTES - self._unsaved) // size)  # a chunk ends with the message that fills it
+            now = messages[:fitting]
+            self._writer.add_messages(self._channels[topic], times[:fitting], now, self.counts[topic])
+            self.counts[topic] += len(now)
+            self._unsaved += size * len(now)
+            if self._unsaved >= CHUNK_BYTES:
+                self._flush()
+            messages, times = messages[fitting:], times[fitting:]
 
     def split(self):
         """Finish the file and go on in a new one of the same bag."""
@@ -139,18 +146,23 @@ class BagWriter:
         return bag_information(files, topics, custom_data=self._metadata | facts)
 
 
+@lru_cache(maxsize=64)
+def _definition(types, kind):
+    """Return the definition of the message type `kind` as the bytes of a schema, and its RIHS01 hash."""
+    return types.generate_msgdef(kind, ros_version=2)[0].encode(), types.hash_rihs01(kind)
+
+
 def _verify(file, counts):
     """Read the MCAP file `file` back: every chunk has its checksum, and the summary tells of `counts` by channel."""
-    size = file.stat().st_size
     unpack = zstandard.ZstdDecompressor()
     with damage_refused(file), file.open('rb') as stream:
-        for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
-            if isinstance(record, Chunk):
-                content = unpack.decompress(record.data, max_output_size=record.uncompressed_size)
-                if zlib.crc32(content) != record.uncompressed_crc:
-                    raise BagError(f'{file}: a chunk that was written is damaged')
-        stream.seek(0)
-        statistics = SeekingReader(stream, record_size_limit=size).get_summary().statistics
-    held = {channel: count for channel, count in statistics.channel_message_counts.items() if count}
+        summary = SeekingReader(stream, record_size_limit=file.stat().st_size).get_summary()
+        for index in summary.chunk_indexes:
+            stream.seek(index.chunk_start_offset + RECORD_HEAD)
+            chunk = Chunk.read(ReadDataStream(stream))
+            content = unpack.decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+            if zlib.crc32(content) != chunk.uncompressed_crc:
+                raise BagError(f'{file}: a chunk that was written is damaged')
+    held = {channel: count for channel, count in summary.statistics.channel_message_counts.items() if count}
     if held != counts:
         raise BagError(f'{file}: holds {sum(held.values())} messages; {sum(counts.values())} were written')
