@@ -5,6 +5,7 @@ import resource
 import struct
 from contextlib import contextmanager
 from hashlib import sha256
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -49,8 +50,10 @@ class Cell:
     def say(self, topic, **fields):
         kind = self.topics[f'/pkm/{topic}'].kind
         types = self._types.types
-        data = bytes(self._types.serialize_cdr(types[kind](**fields), kind))
-        self.recording.takers[f'/pkm/{topic}'](data)
+        self.deliver(topic, bytes(self._types.serialize_cdr(types[kind](**fields), kind)))
+
+    def deliver(self, topic, data, number=1):
+        self.recording.takers[f'/pkm/{topic}'](data, number)
 
     def tell(self, event, cycle, tick=0, samples=SAMPLES, message=''):
         number = getattr(self._types.types[EVENT], event)
@@ -121,9 +124,33 @@ class Cell:
         return outcome
 
 
+class SlowCell(Cell):
+    """A cell whose messages come late and many at a time, those of the servo tick first, topic by topic."""
+
+    def __init__(self, folder):
+        super().__init__(folder)
+        self._late = {topic.removeprefix('/pkm/'): [] for topic in self.topics}
+
+    def deliver(self, topic, data, number=1):
+        self._late[topic].append(data)
+
+    def arrive(self):
+        for topic, messages in self._late.items():
+            for size, alike in groupby(messages, key=len):
+                data = b''.join(alike)
+                super().deliver(topic, data, len(data) // size)
+            messages.clear()
+        self.recording.sort()
+
+
 @pytest.fixture
 def cell(tmp_path):
     return Cell(tmp_path)
+
+
+@pytest.fixture
+def slow_cell(tmp_path):
+    return SlowCell(tmp_path)
 
 
 @pytest.fixture
@@ -168,6 +195,41 @@ def test_feedforward_before_any_learning_has_no_version(cell):
     cell.play(1, 0)
     learned = json.loads(read_metadata(cell.outcome().path)['custom_data']['learned_feedforward'])
     assert learned == {f'/pkm/{joint}/command': '' for joint in JOINTS}
+
+
+def test_cycles_that_come_late_and_in_one_block_are_told_apart(slow_cell):
+    slow_cell.load(1)
+    slow_cell.run(1, 40, end=10)
+    slow_cell.arrive()
+    for index in range(10, SAMPLES):
+        slow_cell.tick(1, 40 + index, index)
+    slow_cell.finish(1, 40 + SAMPLES)
+    slow_cell.play(2, 40 + SAMPLES, feedforward=lambda index: 0.1 * index)
+    slow_cell.arrive()
+    assert slow_cell.recording.progress == 40 + 2 * SAMPLES - 1
+    outcomes = slow_cell.recording.outcomes
+    assert [(o.cycle, o.failure, o.lost) for o in outcomes] == [(1, '', {}), (2, '', {})]
+    for number, outcome in enumerate(outcomes):
+        first = 40 + number * SAMPLES
+        assert read_cycle(outcome.path).ticks.tolist() == list(range(first, first + SAMPLES))
+        for topic, _, data, time in raw_messages(outcome.path):
+            if topic.endswith(('encoder', 'command')):
+                assert time == struct.unpack_from('<Q', data, 4)[0] * 500_000
+    assert read_cycle(outcomes[1].path).feedforward[:, 2].tolist() == [0.1 * index for index in range(SAMPLES)]
+    assert slow_cell.warnings == []
+
+
+def test_block_of_late_messages_is_warned_of_one_by_one_and_costs_the_others_nothing(slow_cell):
+    slow_cell.play(1, 0)
+    slow_cell.arrive()
+    for tick in range(3):
+        slow_cell.tick(1, SAMPLES - 3 + tick, 0)
+    slow_cell.play(2, SAMPLES)
+    slow_cell.arrive()
+    late = [text for text in slow_cell.warnings if 'of cycle 1 came after its bag was closed' in text]
+    assert len(late) == 3 * 2 * len(JOINTS)
+    assert [(o.cycle, o.lost) for o in slow_cell.recording.outcomes] == [(1, {}), (2, {})]
+    assert read_cycle(slow_cell.recording.outcomes[1].path).is_whole
 
 
 @pytest.mark.usefixtures('impatient')

@@ -10,6 +10,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import UInt64
@@ -67,10 +68,12 @@ class Listener(PkmNode):
         self.turns = 0
         group = PatientGroup(self._on_emptied)
         for topic in ('ping_says', 'pong_says'):
-            self.create_subscription(UInt64, topic, self._on_number, TICK_QOS, callback_group=group)
+            self.create_subscription(UInt64, topic, self._on_numbers, TICK_QOS, callback_group=group, raw=True)
 
-    def _on_number(self, message):
-        self.heard.append(message.data)
+    def _on_numbers(self, data, number=1):
+        size = len(data) // number
+        messages = [data[begin : begin + size] for begin in range(0, len(data), size)]
+        self.heard += [deserialize_message(message, UInt64).data for message in messages]
 
     def _on_emptied(self):
         self.turns += 1

@@ -8,7 +8,7 @@ callback for one node, several for a composed cell. Three things make the differ
 - The subscriptions of the tick, those in a `HotGroup`, have a wait set of their own. While samples flow only that one
   is waited on, and what is taken goes straight to the callback: no task, no lock, nothing looked up.
 - Whoever only listens to the tick, as a recorder does, need not be woken by it: subscriptions in a `PatientGroup` are
-  not waited on but emptied every `_EMPTY_EVERY`.
+  not waited on but emptied every `_EMPTY_EVERY`, many messages at a time (queues.py).
 - What a wait set must hold is gathered once and again only when an entity has come or gone, so that a look at all the
   rest costs microseconds. It is taken every `_SERVE_EVERY` while samples flow, so parameters, services and timers are
   served without being waited for. Where nothing flows the executor sleeps until something happens.
@@ -31,14 +31,16 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
+from pkm_nodes.queues import Taker
+
 # [s] how often all the rest gets a turn while ticks flow, and the most of the time that such turns may take: on a
 # computer that is short of time a turn takes long, and the next one comes later
 _SERVE_EVERY = 0.05
 _SERVE_SHARE = 0.05
 # [ns] silence after which all the rest is waited for as well
 _QUIET = 300_000
-# [s] how often patient subscriptions are emptied: some 20 ticks of the thousand they hold
-_EMPTY_EVERY = 0.005
+# [s] how often patient subscriptions are emptied: some 100 ticks of the thousand they hold
+_EMPTY_EVERY = 0.01
 # messages taken from one of them at a time, so that a fast publisher cannot keep the others waiting
 _EMPTY_AT_MOST = 1000
 # [s] how often quality-of-service events are looked at, and the longest sleep
@@ -54,7 +56,12 @@ class HotGroup(ReentrantCallbackGroup):
 
 
 class PatientGroup(ReentrantCallbackGroup):
-    """Subscriptions whose messages may wait while ticks flow; `emptied()` is called after every turn."""
+    """
+    Raw subscriptions whose messages may wait while ticks flow.
+
+    Their callbacks are called as ``callback(data, number)`` with the bytes of `number` messages of equal size, one
+    after the other, or as ``callback(data)`` with one; `emptied()` is called after every turn.
+    """
 
     def __init__(self, emptied):
         super().__init__()
@@ -242,23 +249,19 @@ class _Queues:
     """The queues of patient subscriptions."""
 
     def __init__(self, subscriptions):
-        self._takes = [_take_of(subscription) for subscription in subscriptions]
+        self._taker = Taker()
+        self._callbacks = [(subscription.handle.pointer, subscription.callback) for subscription in subscriptions]
         self._groups = {subscription.callback_group for subscription in subscriptions}
 
     def empty(self):
         """Hand over what waits; tell whether there was anything."""
-        found = False
-        for take_message, message_type, raw, callback in self._takes:
-            for _ in range(_EMPTY_AT_MOST):
-                taken = take_message(message_type, raw)
-                if taken is None:
-                    break
-                found = True
-                callback(taken[0])
+        found = 0
+        for pointer, callback in self._callbacks:
+            found += self._taker.take(pointer, callback, _EMPTY_AT_MOST)
         if found:
             for group in self._groups:
                 group.emptied()
-        return found
+        return found > 0
 
 
 async def _execute(entity, take):

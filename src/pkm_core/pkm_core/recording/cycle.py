@@ -2,7 +2,6 @@
 
 import json
 import re
-from array import array
 from collections import Counter
 from datetime import datetime
 from hashlib import sha256
@@ -17,6 +16,7 @@ from pkm_core.recording.topics import By
 _COMMAND = 'pkm_interfaces/msg/MotorCommand'
 # [bytes] where the learned feedforward, a double, is in a serialized MotorCommand
 _FEEDFORWARD = slice(36, 44)
+_NO_TICKS = np.empty(0, np.int64)
 
 
 class CycleRecording:
@@ -46,38 +46,43 @@ class CycleRecording:
         self.counts = Counter()  # messages taken, by topic
         self.failure = ''  # why nothing more goes into its bag
         self.bag = None
-        self._waiting = []  # (topic, data, tick or None for before the start)
+        self._waiting = []  # blocks
         self._topics, self._tick_ns = topics, sample_time_ns
-        self._ticks = {name: array('Q') for name, topic in topics.items() if topic.by is By.TICK}
+        self._ticks = {name: [_NO_TICKS] for name, topic in topics.items() if topic.by is By.TICK}
         self._learned = {name: bytearray() for name, topic in topics.items() if topic.kind == _COMMAND}
 
     def is_ready(self):
         """Tell whether the bag can be opened: its name, its trajectories and its times are known."""
         return self.first_tick is not None and len(self.trajectories) == 2
 
-    def holds(self, tick):
-        """Tell whether `tick` is in it, as far as its ends are known."""
-        return self.first_tick is not None and self.first_tick <= tick < self.end_tick
+    def holds(self, ticks):
+        """Tell for each of `ticks` (n,) whether it is in it, as far as its ends are known."""
+        first = inf if self.first_tick is None else self.first_tick
+        return (first <= ticks) & (ticks < self.end_tick)
 
     def is_complete(self):
         """Tell whether the cycle has ended and everything it must hold has come."""
         return self.ended is not None and all(self.counts[t] >= count for t, count in self.expected.items())
 
-    def take(self, topic, data, tick):
-        """Take one message; `tick` is None before the first one."""
-        self.counts[topic] += 1
+    def take(self, block):
+        """Take messages."""
+        self.counts[block.topic] += len(block.messages)
         if self.bag is not None:
-            self.bag.write(topic, data, (self.first_tick if tick is None else tick) * self._tick_ns)
+            self._write(block)
         elif not self.failure:
-            self._waiting.append((topic, data, tick))
+            self._waiting.append(block)
 
-    def take_tick(self, topic, data, tick):
-        """Take one message of the servo tick, of which every one counts."""
-        self.last_tick = tick
-        self._ticks[topic].append(tick)
-        if topic in self._learned:
-            self._learned[topic] += data[_FEEDFORWARD]
-        self.take(topic, data, tick)
+    def take_ticks(self, block):
+        """Take messages of the servo tick, of which every one counts."""
+        self.last_tick = int(block.ticks[-1])
+        self._ticks[block.topic].append(block.ticks)
+        if block.topic in self._learned:
+            self._learned[block.topic] += block.messages[:, _FEEDFORWARD].tobytes()
+        self.take(block)
+
+    def _write(self, block):
+        ticks = np.full(len(block.messages), self.first_tick) if block.ticks is None else block.ticks
+        self.bag.write_block(block.topic, block.messages, ticks * self._tick_ns)
 
     def open(self, folder, facts):
         """Open the bag in `folder` with `facts` in its metadata, and write what has waited."""
@@ -95,8 +100,8 @@ class CycleRecording:
         self.bag = open_bag(path, kinds, metadata)
         for topic, data in self.trajectories.items():
             self.bag.write(topic, data, self.first_tick * self._tick_ns)
-        for topic, data, tick in self._waiting:
-            self.bag.write(topic, data, (self.first_tick if tick is None else tick) * self._tick_ns)
+        for block in self._waiting:
+            self._write(block)
         self._waiting.clear()
 
     def fail(self, reason):
@@ -130,7 +135,7 @@ class CycleRecording:
         found = {}
         for topic, ticks in self._ticks.items():
             end = self.first_tick + self.expected.get(topic, 0)
-            missing = np.setdiff1d(np.arange(self.first_tick, end, dtype=np.uint64), ticks)
+            missing = np.setdiff1d(np.arange(self.first_tick, end, dtype=np.int64), np.concatenate(ticks))
             if len(missing):
                 parts = np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1)
                 found[topic] = [[int(part[0]), int(part[-1])] for part in parts]

@@ -27,10 +27,21 @@ class PreRoll:
         self._ticks, self._topics, self._tick_ns = ticks, topics, sample_time_ns
         # one message a tick of every topic of the tick, and room for the rest, which is rarer
         per_tick = sum(topic.by is By.TICK for topic in topics.values())
-        self._kept = deque(maxlen=ticks * (per_tick + 2))
-        self.take = self._kept.append  # (topic, data, tick)
-        self.clear = self._kept.clear
+        self._room, self._number = ticks * (per_tick + 2), 0
+        self._kept = deque()  # blocks
         self._trajectories = {}
+
+    def take(self, block):
+        """Take messages; the oldest blocks go when all the others hold enough."""
+        self._kept.append(block)
+        self._number += len(block.ticks)
+        while self._number - len(self._kept[0].ticks) >= self._room:
+            self._number -= len(self._kept.popleft().ticks)
+
+    def clear(self):
+        """Forget everything but the trajectories."""
+        self._kept.clear()
+        self._number = 0
 
     def take_trajectory(self, topic, data):
         """Take a trajectory; the last of each topic goes into every snapshot."""
@@ -40,9 +51,10 @@ class PreRoll:
         """Write what is kept into a new bag in `folder` and return its path."""
         if not self._kept:
             raise BagError('nothing to keep: no message of the servo tick has come yet')
-        newest = max(tick for *_, tick in self._kept)
-        kept = [entry for entry in list(self._kept) if newest - self._ticks < entry[2] <= newest]
-        oldest = min(tick for *_, tick in kept)
+        newest = max(int(block.ticks.max()) for block in self._kept)
+        recent = [block.where(block.ticks > newest - self._ticks) for block in self._kept]
+        kept = [block for block in recent if len(block.ticks)]
+        oldest = min(int(block.ticks.min()) for block in kept)
         now = datetime.now().astimezone()
         metadata = {
             'snapshot': f'ticks {oldest} to {newest}',
@@ -53,7 +65,7 @@ class PreRoll:
         bag = open_bag(free_path(folder, f'snapshot_{newest:09d}_{now:%Y%m%dT%H%M%S}'), kinds, metadata)
         for topic, data in self._trajectories.items():
             bag.write(topic, data, oldest * self._tick_ns)
-        for topic, data, tick in kept:
-            bag.write(topic, data, tick * self._tick_ns)
+        for block in kept:
+            bag.write_block(block.topic, block.messages, block.ticks * self._tick_ns)
         bag.close({})
         return bag.path

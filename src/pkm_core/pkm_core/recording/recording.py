@@ -1,19 +1,24 @@
 """
 Sorts the serialized messages of a cell into cycles and writes one bag of each.
 
-A message tells by the tick, cycle or stamp it begins with where it belongs. Those of the servo tick are put into a list
-until `sort` is called, for they come thousands of times a second. A bag is closed when everything its cycle must
-hold has come, or some time after its end. What cannot be written costs its own cycle; the next one is tried again.
+A message tells by the tick, cycle or stamp it begins with where it belongs. Those of the servo tick come thousands of
+times a second: they are put into a list until `sort` is called, and dealt with in blocks, many ticks of one topic at a
+time. A bag is closed when everything its cycle must hold has come, or some time after its end. What cannot be written
+costs its own cycle; the next one is tried again.
 """
 
-from dataclasses import dataclass, field
+import dataclasses
+from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from struct import unpack_from
 from time import monotonic
+
+import numpy as np
 
 from pkm_core.errors import BagError
 from pkm_core.message_types import typestore
+from pkm_core.recording.block import Block, field, rows, single
 from pkm_core.recording.cycle import CycleRecording
 from pkm_core.recording.preroll import PreRoll
 from pkm_core.recording.topics import By, expected_messages
@@ -31,8 +36,8 @@ class Outcome:
     tick: int  # last one
     path: Path | None  # of its bag
     messages: int = 0
-    lost: dict[str, int] = field(default_factory=dict)  # messages by topic, and
-    lost_ticks: dict[str, list] = field(default_factory=dict)  # the ticks of those of the servo tick
+    lost: dict[str, int] = dataclasses.field(default_factory=dict)  # messages by topic, and
+    lost_ticks: dict[str, list] = dataclasses.field(default_factory=dict)  # the ticks of those of the servo tick
     failure: str = ''  # why there is no bag, or not all of it
 
 
@@ -57,7 +62,7 @@ class Recording:
     Attributes
     ----------
     takers : dict of str to callable
-        By topic, what takes its serialized messages.
+        By topic, what takes its serialized messages: ``take(data, number=1)``, `number` of them one after the other.
     outcomes : list of Outcome
         Of the cycles closed since somebody emptied it.
     running : bool
@@ -72,21 +77,22 @@ class Recording:
         self._types = typestore()
         self._cycles = {}
         self._closed = {}  # first tick that is not in it, by cycle
-        self._states = []  # (tick, topic, data) of states and measurements that came before their tick
-        self._fresh = []  # (topic, data) of the servo tick that are not sorted yet
+        self._states = []  # blocks of states and measurements that came before their tick
+        self._fresh = []  # blocks of the servo tick that are not sorted yet
         self._ticks = {name: -1 for name, topic in topics.items() if topic.by is By.TICK}  # last tick by topic
         self.outcomes = []
         self.running = True
-        self.takers = {name: partial(self._taker(topic), name) for name, topic in topics.items()}
+        self.takers = {name: partial(_take_rows, self._taker(topic), name) for name, topic in topics.items()}
 
     def _taker(self, topic):
+        """Return what takes a topic and the rows of its messages."""
         takers = {
             By.TICK: self._take_tick,
             By.CYCLE: self._take_of_cycle,
             By.STAMP: partial(self._take_stamped, topic.stamp_at),
             By.TIME: self._take_timed,
             By.TRAJECTORY: self._take_trajectory,
-            By.EVENT: self._take_event,
+            By.EVENT: self._take_events,
             By.ARRIVAL: self._take_arrival,
         }
         return takers[topic.by]
@@ -136,84 +142,110 @@ class Recording:
 
     # what comes
 
-    def _take_tick(self, topic, data):
-        self._fresh.append((topic, data))  # with its tick and cycle as the first fields after the 4-byte CDR header
+    def _take_tick(self, topic, messages):
+        self._fresh.append(Block(topic, messages, field(messages, 4, '<i8')))
 
     def sort(self):
         """Sort what has come of the servo tick since the last call."""
         fresh, self._fresh = self._fresh, []
-        for topic, data in fresh:
-            tick, number = unpack_from('<QI', data, 4)
-            cycle = self._cycles.get(number)
-            if cycle is None:
-                if tick < self._closed.get(number, 0):
-                    self._warn_of_late(topic, number)
-                    continue
-                cycle = self._cycle(number)
-            if cycle.first_tick is None:
-                self._start(cycle, tick)
-            self._ticks[topic] = tick
-            self._preroll.take((topic, data, tick))
-            try:
-                cycle.take_tick(topic, data, tick)
-            except OSError as error:
-                self._fail(cycle, error)
+        for block in fresh:
+            numbers = field(block.messages, 12, '<u4')
+            cuts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+            for begin, end in pairwise([0, *cuts, len(numbers)]):  # of every cycle
+                part = Block(block.topic, block.messages[begin:end], block.ticks[begin:end])
+                self._sort_block(part, int(numbers[begin]))
         if fresh or self._states:
             self._place_states()
             for cycle in list(self._cycles.values()):
                 self._advance(cycle)
 
-    def _take_of_cycle(self, topic, data):
+    def _sort_block(self, block, number):
+        """Take a block of the servo tick that is all of cycle `number`."""
+        cycle = self._cycles.get(number)
+        if cycle is None:
+            late = block.ticks < self._closed.get(number, 0)
+            for _ in range(late.sum()):
+                self._warn_of_late(block.topic, number)
+            if late.all():
+                return
+            block, cycle = block.where(~late), self._cycle(number)
+        if cycle.first_tick is None:
+            self._start(cycle, int(block.ticks[0]))
+        self._ticks[block.topic] = int(block.ticks[-1])
+        self._preroll.take(block)
+        try:
+            cycle.take_ticks(block)
+        except OSError as error:
+            self._fail(cycle, error)
+
+    def _take_of_cycle(self, topic, messages):
         self.sort()
-        number = unpack_from('<I', data, 4)[0]
-        if number not in self._cycles and number in self._closed:
-            self._warn_of_late(topic, number)
-            return
-        cycle = self._cycle(number)
-        self._put(cycle, topic, data, cycle.last_tick)
+        for message, number in zip(messages, field(messages, 4, '<u4').tolist(), strict=True):
+            if number not in self._cycles and number in self._closed:
+                self._warn_of_late(topic, number)
+                continue
+            cycle = self._cycle(number)
+            self._put(cycle, single(topic, message, cycle.last_tick))
 
-    def _take_stamped(self, stamp_at, topic, data):
-        if len(data) < stamp_at + 8:  # an array without elements
+    def _take_stamped(self, stamp_at, topic, messages):
+        if messages.shape[1] < stamp_at + 8:  # an array without elements
             return
-        seconds, nanoseconds = unpack_from('<iI', data, stamp_at)
-        self._states.append(((seconds * 1_000_000_000 + nanoseconds) // self._tick_ns, topic, data))
+        seconds = field(messages, stamp_at, '<i4').astype(np.int64)
+        nanoseconds = seconds * 1_000_000_000 + field(messages, stamp_at + 4, '<u4')
+        self._states.append(Block(topic, messages, nanoseconds // self._tick_ns))
 
-    def _take_timed(self, topic, data):
-        nanoseconds = round(unpack_from('<d', data, 4)[0] * 1e9)
-        self._states.append((nanoseconds // self._tick_ns, topic, data))
+    def _take_timed(self, topic, messages):
+        nanoseconds = np.rint(field(messages, 4, '<f8') * 1e9).astype(np.int64)
+        self._states.append(Block(topic, messages, nanoseconds // self._tick_ns))
 
     def _place_states(self):
         """Put the states whose tick has been taken into the last cycle that holds it; others may not know their end."""
         reached = max(self._ticks.values())
-        placed, self._states = [s for s in self._states if s[0] <= reached], [s for s in self._states if s[0] > reached]
-        for tick, topic, data in placed:
-            self._preroll.take((topic, data, tick))
-            cycles = [cycle for cycle in self._cycles.values() if cycle.holds(tick)]
-            if cycles:
-                self._put(cycles[-1], topic, data, tick)
-            else:
-                self._warn(f'{topic}: the state of tick {tick} is of no open cycle; not recorded')
+        states, self._states = self._states, []
+        for block in states:
+            due = block.ticks <= reached
+            if not due.all():
+                self._states.append(block.where(~due))
+            if due.any():
+                self._place(block.where(due))
 
-    def _take_arrival(self, topic, data):
-        """Put a message that knows no simulated time into the cycle that runs; between cycles there is none."""
+    def _place(self, block):
+        self._preroll.take(block)
+        for cycle in reversed(list(self._cycles.values())):
+            held = cycle.holds(block.ticks)
+            if held.any():
+                self._put(cycle, block.where(held))
+                block = block.where(~held)
+        for tick in block.ticks:
+            self._warn(f'{block.topic}: the state of tick {tick} is of no open cycle; not recorded')
+
+    def _take_arrival(self, topic, messages):
+        """Put messages that know no simulated time into the cycle that runs; between cycles there is none."""
         running = [cycle for cycle in self._cycles.values() if cycle.last_tick is not None and cycle.ended is None]
-        if running:
-            self._preroll.take((topic, data, running[-1].last_tick))
-            self._put(running[-1], topic, data, running[-1].last_tick)
+        for message in messages if running else ():
+            block = single(topic, message, running[-1].last_tick)
+            self._preroll.take(block)
+            self._put(running[-1], block)
 
-    def _take_trajectory(self, topic, data):
-        self._preroll.take_trajectory(topic, data)
-        trajectory = self._types.deserialize_cdr(data, self._topics[topic].kind)
-        self._closed.pop(trajectory.cycle, None)  # a generator that was started anew counts from 1
-        cycle = self._cycle(trajectory.cycle)
-        cycle.motion, cycle.law = trajectory.motion, trajectory.learning_law
-        cycle.trajectories[topic] = data
-        cycle.counts[topic] = 1
-        self._advance(cycle)
+    def _take_trajectory(self, topic, messages):
+        for message in messages:
+            data = message.tobytes()
+            self._preroll.take_trajectory(topic, data)
+            trajectory = self._types.deserialize_cdr(data, self._topics[topic].kind)
+            self._closed.pop(trajectory.cycle, None)  # a generator that was started anew counts from 1
+            cycle = self._cycle(trajectory.cycle)
+            cycle.motion, cycle.law = trajectory.motion, trajectory.learning_law
+            cycle.trajectories[topic] = data
+            cycle.counts[topic] = 1
+            self._advance(cycle)
 
-    def _take_event(self, topic, data):
+    def _take_events(self, topic, messages):
         self.sort()
-        event = self._types.deserialize_cdr(data, _EVENT)
+        for message in messages:
+            self._take_event(topic, message)
+
+    def _take_event(self, topic, message):
+        event = self._types.deserialize_cdr(message.tobytes(), _EVENT)
         if event.event in (event.RECORDED, event.NOT_RECORDED, event.RESET):
             return
         if event.cycle not in self._cycles and event.cycle in self._closed:
@@ -223,10 +255,9 @@ class Recording:
         if event.event == event.STARTED:
             self._give_up_others(cycle)
             self._start(cycle, event.tick)
-        tick = event.tick or cycle.last_tick
         if cycle.last_tick is not None:
-            self._preroll.take((topic, data, cycle.last_tick))
-        self._put(cycle, topic, data, tick)
+            self._preroll.take(single(topic, message, cycle.last_tick))
+        self._put(cycle, single(topic, message, event.tick or cycle.last_tick))
         if event.event in (event.FINISHED, event.FAULT) and cycle.first_tick is not None:
             finished = event.event == event.FINISHED
             cycle.end = 'finished' if finished else f'fault: {event.message}'
@@ -263,9 +294,9 @@ class Recording:
                 cycle.end = f'interrupted: cycle {started.number} started without a word on its end'
                 self._close_as_it_is(cycle)
 
-    def _put(self, cycle, topic, data, tick):
+    def _put(self, cycle, block):
         try:
-            cycle.take(topic, data, tick)
+            cycle.take(block)
         except OSError as error:
             self._fail(cycle, error)
         self._advance(cycle)
@@ -330,3 +361,8 @@ class Recording:
 
     def _warn_of_late(self, topic, number):
         self._warn(f'{topic}: a message of cycle {number} came after its bag was closed; not recorded')
+
+
+def _take_rows(take, topic, data, number=1):
+    """Call `take` for `topic` with the rows of the `number` messages in `data`."""
+    take(topic, rows(data, number))

@@ -1,0 +1,52 @@
+"""What waits in the queue of a subscription is handed over whole, in order, in blocks of equal size."""
+
+from itertools import chain
+
+import pytest
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+
+from pkm_nodes.node import TICK_QOS
+from pkm_nodes.queues import Taker
+
+LARGE = 100_000  # more than the room for all that is handed over at once
+
+
+@pytest.fixture
+def subscription(graph):
+    return graph.node.create_subscription(String, 'text', lambda _: None, TICK_QOS, raw=True)
+
+
+@pytest.fixture
+def send(graph, subscription):
+    """Return a function that publishes texts and waits until they are in the queue."""
+    publisher = graph.publisher(String, 'text')
+    graph.spin_until(lambda: subscription.get_publisher_count() == 1, 'the publisher')
+
+    def send(texts):
+        for text in texts:
+            publisher.publish(String(data=text))
+        assert publisher.wait_for_all_acked()
+
+    return send
+
+
+def taken(subscription, enough=1000):
+    """Return the blocks that a new `Taker` hands over, as lists of bytes, and its answer."""
+    blocks = []
+
+    def keep(data, number):
+        size = len(data) // number
+        blocks.append([data[begin : begin + size] for begin in range(0, len(data), size)])
+
+    return blocks, Taker().take(subscription.handle.pointer, keep, enough)
+
+
+def test_messages_of_equal_size_come_as_one_block_and_others_as_their_own(subscription, send):
+    texts = ['one', 'two', 'six', 'longer', LARGE * 'x', '', LARGE * 'y', 'end']
+    send(texts)
+    blocks, number = taken(subscription)
+    assert [len(block) for block in blocks] == [3, 1, 1, 1, 1, 1]
+    assert [*chain(*blocks)] == [serialize_message(String(data=text)) for text in texts]
+    assert number == len(texts)
+    assert taken(subscription) == ([], 0)
