@@ -125,7 +125,7 @@ def _comments(model):
     found = {}
     for each in reversed(model.__mro__ if model else ()):
         if issubclass(each, Config) and each is not Config:
-            found |= dict(re.findall(r'(?m)^ {4,8}(\w+): .*?  # (.*)$', inspect.getsource(each)))
+            found |= dict(re.findall(r'(?m)^ {4,8}(\w+): .*?  # (.*?)(?:  # noqa.*)?$', inspect.getsource(each)))
     return found
 
 

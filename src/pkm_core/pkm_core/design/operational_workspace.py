@@ -75,7 +75,7 @@ class Offsets(Config):
 class Design(Config):
     """Lengths l of links 2 to 8 and k of links 10 and 12."""
 
-    l: PositiveLength  # noqa: E741 - the thesis's symbol
+    l: PositiveLength  # of links 2 to 8  # noqa: E741 - the thesis's symbol
     k: PositiveLength
 
 
@@ -95,7 +95,7 @@ class Range(Config):
 class Bounds(Config):
     """Ranges of l and k."""
 
-    l: Range  # noqa: E741 - the thesis's symbol
+    l: Range  # of links 2 to 8  # noqa: E741 - the thesis's symbol
     k: Range
 
 
