@@ -2,9 +2,10 @@
 The launch file: its arguments, and that it starts the nodes of graph.py.
 
 There is no package `launch` among the wheels that this project is set up from, so stand-ins of the same names record
-what the file asks for; `ros2 launch` itself is not run here.
+what the file asks for. What a real `ros2 launch` did with it is in docs/launch.md.
 """
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -80,3 +81,9 @@ def test_processes_are_the_nodes_of_the_graph(launch):
 def test_namespace_that_cannot_be_is_refused(launch):
     with pytest.raises(PkmError, match="namespace 'a b' given"):
         launch(namespace='a b')
+
+
+@pytest.mark.parametrize('seed', ['x', '-1', '1.5', ''])
+def test_seed_that_is_no_whole_number_is_refused(launch, seed):
+    with pytest.raises(PkmError, match=re.escape(f"seed '{seed}' given; expected a whole number from 0")):
+        launch(seed=seed)

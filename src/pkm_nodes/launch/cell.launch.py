@@ -9,7 +9,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from pkm_nodes.graph import ENVIRONMENTS, NodeSpec, cell_nodes, clock_of, namespace_of
+from pkm_nodes.graph import ENVIRONMENTS, NodeSpec, cell_nodes, clock_of, namespace_of, whole_number
 
 ARGUMENTS = [
     DeclareLaunchArgument(
@@ -36,7 +36,7 @@ def _nodes(context):
     settings = {
         'machine': value['machine'],
         'control': value['control'],
-        'seed': int(value['seed']),
+        'seed': whole_number('seed', value['seed']),
         'environment': value['environment'],
         'folder': value['folder'],
     }

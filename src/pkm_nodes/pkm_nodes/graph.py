@@ -39,6 +39,13 @@ def namespace_of(text):
     return '/' + text.removeprefix('/')
 
 
+def whole_number(name, text):
+    """Return the whole number from 0 that `text`, given as `name`, is; `PkmError` if it is none."""
+    if not re.fullmatch(r'\d+', text, re.ASCII):
+        raise PkmError(f'{name} {text!r} given; expected a whole number from 0')
+    return int(text)
+
+
 def clock_of(namespace):
     """Return the remappings that give a cell in `namespace` a time of its own; the one in /pkm has /clock."""
     return [] if namespace == NAMESPACE else [('/clock', f'{namespace}/clock')]
