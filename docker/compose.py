@@ -20,7 +20,9 @@ x-node: &node
     ROS_SECURITY_ENCLAVE_OVERRIDE: /pkm
   volumes: &volumes
     - ../runs:/runs
-    - ${PKM_KEYSTORE:-./keystore}:/keystore:ro
+    # what a node needs of the keystore; the private keys of its authorities stay outside
+    - ${PKM_KEYSTORE:-../keystore}/enclaves:/keystore/enclaves:ro
+    - ${PKM_KEYSTORE:-../keystore}/public:/keystore/public:ro
 
 services:
 """

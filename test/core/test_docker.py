@@ -45,7 +45,7 @@ def left_out(path):
 
 
 def test_every_instruction_is_known():
-    known = {'FROM', 'RUN', 'COPY', 'WORKDIR', 'ENTRYPOINT', 'CMD'}
+    known = {'FROM', 'RUN', 'COPY', 'WORKDIR', 'ENTRYPOINT', 'STOPSIGNAL', 'CMD'}
     assert {instruction for instruction, _ in instructions()} <= known
     assert instructions()[0] == ('FROM', 'ros:jazzy-ros-base')
 
@@ -65,6 +65,26 @@ def test_every_copied_file_is_there_and_sent_to_the_build():
 @pytest.mark.parametrize('script', [*of('RUN'), (DOCKER / 'entrypoint.sh').read_text()])
 def test_every_script_can_be_parsed(script):
     subprocess.run(['bash', '-n'], input=script, text=True, check=True, timeout=10)
+
+
+def test_versions_in_the_image_are_those_of_the_lock(tmp_path):
+    """The RUN line that strips the hashes, run here; pip takes its outcome as constraints."""
+    (strip,) = [script for script in of('RUN') if script.startswith('sed ')]
+    source, target = re.findall(r'/tmp/[\w.]+', strip)
+    assert f'requirements/requirements.txt {source}' in of('COPY')
+    here = strip.replace(source, str(ROOT / 'requirements/requirements.txt')).replace(target, str(tmp_path / 'out'))
+    subprocess.run(['bash', '-ec', here], check=True, timeout=10)
+    lines = [line for line in (tmp_path / 'out').read_text().splitlines() if not line.lstrip().startswith('#')]
+    assert all(re.fullmatch(r'[\w.-]+==[\w.+-]+( ; .+)?', line) for line in lines), lines
+    (install,) = [script for script in of('RUN') if 'pip install' in script]
+    assert f'--constraint {target}' in install
+    _, _, packages = install.partition(target)
+    locked = {line.partition('==')[0] for line in lines}
+    assert set(shlex.split(packages)) <= locked
+
+
+def test_image_is_stopped_by_the_signal_that_lets_launch_end_its_nodes():
+    assert of('STOPSIGNAL') == ['SIGINT']
 
 
 @pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
