@@ -73,7 +73,8 @@ def _rows(schema, models, classes, prefix):
     """Yield (key, unit or type, allowed, default, meaning) of every key below `prefix`; equal ones share a row."""
     model = classes.get(schema.get('title'))
     comments = _comments(model)
-    about = ' '.join(inspect.getdoc(model).split()) if model and prefix else ''  # of a section, on its first row
+    # of a section, on its first row
+    about = ' '.join((inspect.getdoc(model) or '').split()) if model and prefix else ''
     together = {}
     for name, field in schema.get('properties', {}).items():
         required = name in schema.get('required', ())

@@ -37,6 +37,8 @@ def load_class(named, *, base, beside, key, known):
     if not path.is_file():
         raise ConfigError(f'{where}: {path}: no such file')
     spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None  # a .py file has one, and a loader
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

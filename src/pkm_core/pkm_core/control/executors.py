@@ -37,7 +37,9 @@ def _end_with_parent():
     """Watch the parent from a worker, which would wait for work for ever if that was killed."""
 
     def watch():
-        multiprocessing.parent_process().join()
+        parent = multiprocessing.parent_process()
+        assert parent is not None  # this is a worker
+        parent.join()
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

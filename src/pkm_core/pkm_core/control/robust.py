@@ -147,7 +147,7 @@ class RobustController:
         self._state[2] = np.nan  # no previous error: the first difference is zero, not a kick
         self._samples = self._next = 0
         self._reference = self._feedforward = np.empty(0)
-        self._motion = None
+        self._motion: tuple = ()
 
     def load(self, position, velocity, acceleration, jerk, learned):
         """
@@ -167,7 +167,7 @@ class RobustController:
             if not np.isfinite(row).all():
                 index = int(np.argmin(np.isfinite(row)))
                 raise PkmError(f'cycle: {name} is {row[index]} at sample {index}; expected a finite number')
-        self._motion = rows[1:]
+        self._motion = tuple(rows[1:])
         feedforward = self._sum_feedforward()
         # cycles repeat: after the last sample the old feedforward would have gone on with its first one
         self._state[0] += (self._feedforward[0] if self._samples else 0.0) - feedforward[0]

@@ -54,8 +54,8 @@ def end_point(machine, q, errors):
             **{name: getattr(geometry, name) + errors.get(name, 0.0) for name in OFFSETS[mechanism]}
         ),
         lengths={link: drawn_length(geometry, link) + errors.get(link, 0.0) for link in LINKS[mechanism]},
-        encoder_offset=None,  # taken off below: it may be another one at each pose
-        payload=None,
+        encoder_offset=np.zeros(len(machine.joints)),  # taken off below: it may be another one at each pose
+        payload=0.0,
     )
     q = np.asarray(q, dtype=float)
     sliders = [q[..., i] - errors.get(joint, 0.0) for i, joint in enumerate(machine.joints)]

@@ -26,13 +26,14 @@ def _spread(unit):
         @property
         def deviation(self):
             """Standard deviation."""
-            return self.uniform / math.sqrt(3.0) if self.normal is None else self.normal
+            return self.normal if self.uniform is None else self.uniform / math.sqrt(3.0)
 
         def draw(self, generator, size):
             """Return independent errors of that `size`."""
-            if self.normal is None:
-                return generator.uniform(-self.uniform, self.uniform, size)
-            return self.normal * generator.standard_normal(size)
+            if self.normal is not None:
+                return self.normal * generator.standard_normal(size)
+            assert self.uniform is not None  # see _one_of_them
+            return generator.uniform(-self.uniform, self.uniform, size)
 
     return Spread
 

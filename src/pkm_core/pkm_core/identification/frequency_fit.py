@@ -14,6 +14,7 @@ of it, as one more measurement with its own uncertainty, which also widens the c
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -99,7 +100,7 @@ def fit_high_frequency(responses, known, count=2):
         off *= np.sqrt(2) / deviation  # real and imaginary part have half the variance each
         return np.concatenate([off.real, off.imag, x[len(gains) : len(gains) + 1]])  # the last: the known dead time
 
-    found = None
+    found: Any = None  # there is at least one start
     starts = [_pack([gain for gain, _ in guesses], modes) for _, modes in guesses]
     for start in sorted(starts, key=lambda each: np.sum(errors(each) ** 2)):
         each = least_squares(errors, start, method='lm', x_scale='jac', max_nfev=2000)

@@ -153,10 +153,11 @@ def identify_axis(joint, moves, responses, *, corner=np.inf, delay=0.0, delay_de
         for _ in range(_ROUNDS):
             high_known = Surroundings(low.viscosity, sample_time, corner, delay, delay_deviation, computation)
             high, notes = _fit_stations(responses, lowest, high_known, modes)
+            notes = [*notes, *high.warnings]
             low_known = KnownDynamics(corner, high.delay, high.modes)
             low = fit_low_frequency(moves, low_known)
         percent = _left_out_percent(responses, high_known, modes)
-        notes = [*notes, *high.warnings, *_disagreements(joint, low, high, percent)]
+        notes = [*notes, *_disagreements(joint, low, high, percent)]
     warnings = [f'{joint}: {text}' for text in low.warnings]
     warnings += [text for response in responses for text in response.warnings]
     return AxisIdentification(

@@ -43,7 +43,7 @@ class BasisLaw(Law):
     """The law with basis functions; as made it knows no motion, see `with_reference`."""
 
     Parameters = BasisConfig
-    _trajectory: SampledTrajectory = None
+    _trajectory: SampledTrajectory | None = None
     _fits: dict
 
     def with_reference(self, trajectory):
@@ -91,11 +91,15 @@ class BasisLaw(Law):
         return basis @ (recover @ feedforward + gain * (fit @ error))
 
     def _fitted(self, joint, samples):
+        expected = len(self._reference(joint))
+        if samples not in (None, expected):
+            raise LearningError(f'learning {joint}: {samples} samples; the reference has {expected}')
+        return self._fits[joint]
+
+    def _reference(self, joint):
         if self._trajectory is None:
             raise LearningError(f'learning {joint}: the basis law needs the reference; give it by with_reference')
-        if samples not in (None, len(self._trajectory)):
-            raise LearningError(f'learning {joint}: {samples} samples; the reference has {len(self._trajectory)}')
-        return self._fits[joint]
+        return self._trajectory
 
     def _fit(self, joint):
         """Return names, B (N, k), B^+ (k, N) and (G B)^+ (k, N)."""
@@ -116,8 +120,9 @@ class BasisLaw(Law):
         """Return names and B (N, k)."""
         machine, model = self.machine, self.models[joint]
         column = machine.joints.index(joint)
-        shapes = forces(machine, model, self._trajectory, column, self.config.slips, rested=rested)
-        samples = len(self._trajectory)
+        trajectory = self._reference(joint)
+        shapes = forces(machine, model, trajectory, column, self.config.slips, rested=rested)
+        samples = len(trajectory)
         frequency = np.fft.rfftfreq(samples, machine.sample_time)
         weight = self.config.band.weight(frequency)
         learned = weight > 0

@@ -40,14 +40,14 @@ class Monitor:
 
     Attributes
     ----------
-    best : ndarray, shape (N,), or None
-        Feedforward [V] with the lowest error since learning last began.
+    best : ndarray, shape (N,)
+        Feedforward [V] with the lowest error since learning last began; empty before the first cycle.
 
     """
 
     def __init__(self, joint):
         self.joint = joint
-        self.best = None
+        self.best = np.zeros(0)
         self._returned = self._ended = False
         self._begin()
 

@@ -21,7 +21,7 @@ class _Built(Config):
     def as_drawn(cls, geometry):
         """Return what the drawing `geometry` says."""
         drawn = {name: drawn_length(geometry, name) for name in cls.model_fields if name != 'marks'}
-        marks = cls.model_fields['marks'].annotation
+        marks: Any = cls.model_fields['marks'].annotation
         return cls(**drawn, marks=marks(**dict.fromkeys(marks.model_fields, 0.0)))
 
     def check(self, geometry):
