@@ -1,10 +1,9 @@
 """Node `laser`: the end point as an independent instrument sees it, in the machine's process."""
 
-from array import array
-
 from pkm_core.laser import Laser
 from pkm_interfaces.msg import LaserSample
-from pkm_nodes.node import TICK_QOS, PkmNode
+from pkm_nodes.node import PkmNode
+from pkm_nodes.template import DOUBLE, Template
 
 
 class LaserNode(PkmNode):
@@ -13,7 +12,8 @@ class LaserNode(PkmNode):
     def __init__(self, machine, seed, environment, **kwargs):
         super().__init__('laser', **kwargs)
         self._laser = Laser(machine, seed, environment)
-        self._publisher = self.create_publisher(LaserSample, 'laser', TICK_QOS)
+        self._publisher, self._send = self.tick_publisher(LaserSample, 'laser')
+        self._sample = Template(LaserSample(time=DOUBLE, displacement=len(machine.coordinates) * [DOUBLE]))
         self.zero, self.observe = self._laser.zero, self._laser.observe
 
     def is_heard(self):
@@ -23,4 +23,4 @@ class LaserNode(PkmNode):
     def publish(self):
         """Send what has been measured since the last call."""
         for time, displacement in zip(*self._laser.read(), strict=True):
-            self._publisher.publish(LaserSample(time=float(time), displacement=array('d', displacement.tobytes())))
+            self._send(self._sample.filled([time, *displacement]))

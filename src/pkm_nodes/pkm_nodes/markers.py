@@ -1,10 +1,11 @@
 """The links of a machine as visualization_msgs/MarkerArray, for tools that take no URDF."""
 
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pkm_core.description import ROOT, base_boxes, frames, links, moved
+from pkm_nodes.template import POSE, STAMP, Template
 
 
 class LinkMarkers:
@@ -12,31 +13,30 @@ class LinkMarkers:
 
     def __init__(self, machine):
         self._links = links(machine)
-        self._boxes = {ROOT: base_boxes(machine)} | {link.name: link.boxes for link in self._links}
+        boxes = {ROOT: base_boxes(machine)} | {link.name: link.boxes for link in self._links}
+        self._boxes = [(name, number, box) for name, of_link in boxes.items() for number, box in enumerate(of_link)]
+        self._template = Template(MarkerArray(markers=[_marker(*box) for box in self._boxes]))
 
-    def message(self, stamp, positions):
-        """Return the markers at `positions` (of `joint_positions`), all in the base frame."""
+    def message(self, nanoseconds, positions):
+        """Return the MarkerArray of a time [ns] and `positions` (of `joint_positions`) as bytes, in the base frame."""
         found = frames(self._links, positions)
-        header = Header(stamp=stamp, frame_id=ROOT)
-        markers = []
-        for name, boxes in self._boxes.items():
+        numbers = []
+        for name, _, box in self._boxes:
             turn, origin = found[name]
-            for number, box in enumerate(boxes):
-                x, y, z = moved(turn, origin, box.centre)
-                red, green, blue = box.colour
-                markers.append(
-                    Marker(
-                        header=header,
-                        ns=name,
-                        id=number,
-                        type=Marker.CUBE,
-                        action=Marker.ADD,
-                        pose=Pose(
-                            position=Point(x=x, y=y, z=z),
-                            orientation=Quaternion(**dict(zip('wxyz', turn, strict=True))),
-                        ),
-                        scale=Vector3(**dict(zip('xyz', box.size, strict=True))),
-                        color=ColorRGBA(r=red, g=green, b=blue, a=1.0),
-                    )
-                )
-        return MarkerArray(markers=markers)
+            numbers += (*moved(turn, origin, box.centre), *turn[1:], turn[0])
+        return self._template.filled(numbers, nanoseconds)
+
+
+def _marker(name, number, box):
+    """Return the marker of a box whose time and pose are yet to come."""
+    red, green, blue = box.colour
+    return Marker(
+        header=Header(stamp=STAMP, frame_id=ROOT),
+        ns=name,
+        id=number,
+        type=Marker.CUBE,
+        action=Marker.ADD,
+        pose=POSE,
+        scale=Vector3(**dict(zip('xyz', box.size, strict=True))),
+        color=ColorRGBA(r=red, g=green, b=blue, a=1.0),
+    )

@@ -10,8 +10,9 @@ from functools import partial
 from math import cos, sin
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped, Vector3
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from pkm_core.description import ROOT, joint_positions
@@ -19,9 +20,10 @@ from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
-from pkm_nodes.conversions import time_of_tick
+from pkm_nodes.conversions import nanoseconds_of_tick
 from pkm_nodes.markers import LinkMarkers
 from pkm_nodes.node import CYCLE_QOS, PkmNode, run
+from pkm_nodes.template import DOUBLE, POSE, STAMP, Template
 from pkm_nodes.tick_messages import ENCODER_SAMPLE
 
 # [ticks] markers go out at 20 Hz of simulated time: they cost more than everything else and are for eyes
@@ -43,6 +45,11 @@ class StateEstimatorNode(PkmNode):
         self._pose_publisher = self.create_publisher(PoseStamped, 'pose', CYCLE_QOS)
         self._twist_publisher = self.create_publisher(TwistStamped, 'twist', CYCLE_QOS)
         self._joints_publisher = self.create_publisher(JointState, 'joint_states', CYCLE_QOS)
+        header = Header(stamp=STAMP, frame_id=ROOT)
+        self._pose = Template(PoseStamped(header=header, pose=POSE))
+        speed = Vector3(x=DOUBLE, y=DOUBLE, z=DOUBLE)
+        self._twist = Template(TwistStamped(header=header, twist=Twist(linear=speed, angular=Vector3(z=DOUBLE))))
+        self._joint_states = {}  # templates by the names of joints and the number of velocities
         self._markers_publisher = self.create_publisher(MarkerArray, 'markers', CYCLE_QOS)
         for i, joint in enumerate(joints):
             self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, i), raw=True)
@@ -60,7 +67,7 @@ class StateEstimatorNode(PkmNode):
 
     def _publish(self):
         machine = self._machine
-        stamp = time_of_tick(self._tick, machine.sample_time)
+        time = nanoseconds_of_tick(self._tick, machine.sample_time)
         try:
             pose = dict(zip(machine.coordinates, machine.forward(self._positions).tolist(), strict=True))
             joints = joint_positions(machine, self._positions)
@@ -69,41 +76,31 @@ class StateEstimatorNode(PkmNode):
             pose, joints = {}, dict(zip(machine.joints, self._positions.tolist(), strict=True))
         before, self._previous = self._previous, (self._tick, joints, pose)
         if pose:
-            self._publish_pose(stamp, pose)
+            self._publish_pose(time, pose)
         if pose and self._tick % MARKERS_EVERY == 0 and self._markers_publisher.get_subscription_count():
-            self._markers_publisher.publish(self._markers.message(stamp, joints))
+            self._markers_publisher.publish(self._markers.message(time, joints))
         # mean speeds since the last state: 0.2 um counts over 10 ms are 20 um/s, so no filter is needed
         elapsed = 0.0 if before is None else (self._tick - before[0]) * machine.sample_time
-        self._publish_joints(stamp, joints, _rates(joints, before[1], elapsed) if elapsed > 0 else [])
+        self._publish_joints(time, joints, _rates(joints, before[1], elapsed) if elapsed > 0 else [])
         if elapsed > 0 and pose and before[2] and self._twist_publisher.get_subscription_count():
-            self._publish_twist(stamp, dict(zip(pose, _rates(pose, before[2], elapsed), strict=True)))
+            self._publish_twist(time, dict(zip(pose, _rates(pose, before[2], elapsed), strict=True)))
 
-    def _publish_pose(self, stamp, coordinates):
-        pose = PoseStamped()
-        pose.header.stamp = stamp
-        pose.header.frame_id = ROOT
-        pose.pose.position.x = coordinates['x']
-        pose.pose.position.y = coordinates['y']
-        pose.pose.position.z = coordinates.get('z', 0.0)
-        half = coordinates.get('phi', 0.0) / 2
-        pose.pose.orientation.z, pose.pose.orientation.w = sin(half), cos(half)
-        self._pose_publisher.publish(pose)
+    def _publish_pose(self, time, pose):
+        half = pose.get('phi', 0.0) / 2
+        place, turn = (pose['x'], pose['y'], pose.get('z', 0.0)), (0.0, 0.0, sin(half), cos(half))
+        self._pose_publisher.publish(self._pose.filled([*place, *turn], time))
 
-    def _publish_twist(self, stamp, rates):
-        twist = TwistStamped()
-        twist.header.stamp = stamp
-        twist.header.frame_id = ROOT
-        twist.twist.linear.x = rates['x']
-        twist.twist.linear.y = rates['y']
-        twist.twist.linear.z = rates.get('z', 0.0)
-        twist.twist.angular.z = rates.get('phi', 0.0)
-        self._twist_publisher.publish(twist)
+    def _publish_twist(self, time, rates):
+        numbers = [rates['x'], rates['y'], rates.get('z', 0.0), rates.get('phi', 0.0)]
+        self._twist_publisher.publish(self._twist.filled(numbers, time))
 
-    def _publish_joints(self, stamp, positions, velocities):
+    def _publish_joints(self, time, positions, velocities):
         """Publish motors first, then the passive joints, which are missing where the mechanism cannot stand."""
-        joints = JointState(name=list(positions), position=list(positions.values()), velocity=velocities)
-        joints.header.stamp = stamp
-        self._joints_publisher.publish(joints)
+        key = (*positions, len(velocities))
+        if key not in self._joint_states:
+            gaps = {'position': len(positions) * [DOUBLE], 'velocity': len(velocities) * [DOUBLE]}
+            self._joint_states[key] = Template(JointState(header=Header(stamp=STAMP), name=list(positions), **gaps))
+        self._joints_publisher.publish(self._joint_states[key].filled([*positions.values(), *velocities], time))
 
 
 def _rates(now, before, elapsed):
