@@ -17,7 +17,13 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / 'docker'
 PACKAGES = sorted(path.parent for path in (ROOT / 'src').glob('*/setup.py'))
 # import name: distribution, where they differ; what comes with another distribution or with ROS itself
-DISTRIBUTIONS = {'skimage': 'scikit-image', 'zstandard': 'mcap', 'websockets': 'viser', 'mpl_toolkits': 'matplotlib'}
+DISTRIBUTIONS = {
+    'llvmlite': 'numba',
+    'mpl_toolkits': 'matplotlib',
+    'skimage': 'scikit-image',
+    'websockets': 'viser',
+    'zstandard': 'mcap',
+}
 OF_ROS = {'yaml'}
 ELSEWHERE = {'mujoco'}  # of the bench, which says so when it is missing
 

@@ -353,6 +353,7 @@ def test_machine_that_is_gone_in_the_midst_of_a_cycle_ends_the_goal_also_if_anot
     cell.run(1)
     cell.start(2)
     graph.next_event(CycleEvent.STARTED, cycle=2)
+    graph.spin_in_silence()  # the generator has heard of it too
     graph.start(SilentMachine)  # before the graph knows of the end of the first one
     graph.stop(machine)
     stop = graph.next_event(CycleEvent.STOP, cycle=2)
