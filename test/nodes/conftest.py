@@ -19,6 +19,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from pkm_core.control.model import load_model
+from pkm_core.control.robust import RobustController, load_control
 from pkm_core.machines import load_machine
 from pkm_core.motions import Motion, Target, plan
 from pkm_core.trajectory import to_joints
@@ -26,6 +28,7 @@ from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.conversions import trajectory_to_msg
 from pkm_nodes.events import NAMES
 from pkm_nodes.node import PkmNode, reliable
+from support.axis import Axis, Learning
 
 _DOMAINS = range(41, 60)
 _next_domain = cycle(_DOMAINS)
@@ -191,3 +194,21 @@ def joint_trajectory(machine, short_motion):
         return trajectory_to_msg(joints, cycle=cycle, motion=motion, learning_law=learning_law)
 
     return message
+
+
+@pytest.fixture
+def axis(graph, joint_trajectory):
+    return Axis(graph, joint_trajectory)
+
+
+@pytest.fixture
+def law(machine):
+    """Return the law of d3 as the core has it, with the short motion to be loaded."""
+    return RobustController(
+        load_control(machine)['d3'], load_model(machine)['d3'], machine.sample_time, machine.voltage_limit
+    )
+
+
+@pytest.fixture
+def learning(graph):
+    return Learning(graph)

@@ -1,0 +1,190 @@
+"""What one joint controller learns from cycle to cycle; the test stands in the place of machine and service."""
+
+import math
+from array import array
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.task import Future
+
+from pkm_interfaces.msg import CycleEvent
+from pkm_interfaces.srv import UpdateFeedforward
+from pkm_nodes import axis_learning
+from pkm_nodes.joint_controller import JointControllerNode
+from support.axis import SAMPLES, UM, feedforward_of
+
+
+def test_learning_is_asked_after_the_last_tick_and_its_answer_is_the_next_feedforward(graph, axis, learning, machine):
+    graph.start(JointControllerNode, joint='d3')
+    learned = [0.01 * index for index in range(SAMPLES)]
+    learning.will_answer(learned)
+    learning.will_answer([2.0] * SAMPLES)
+
+    axis.load(1, learning_law='fourier')
+    first = axis.run(1, lambda index: index * UM)
+    assert feedforward_of(first) == [0.0] * SAMPLES
+    axis.load(2, learning_law='fourier')
+    assert feedforward_of(axis.run(2)) == learned
+    axis.load(3, learning_law='fourier')
+    assert feedforward_of(axis.run(3)) == [2.0] * SAMPLES
+
+    before, after = learning.requests[:2]
+    assert (before.joint, before.law, before.motion, before.iteration) == ('d3', 'fourier', 'short', 0)
+    assert before.sample_time == machine.sample_time
+    assert list(before.error) == [command.error for command in first]
+    assert list(before.feedforward) == [0.0] * SAMPLES
+    assert after.iteration == 1
+    assert list(after.feedforward) == learned
+
+
+def test_learned_feedforward_adds_to_the_voltage(graph, axis, learning):
+    graph.start(JointControllerNode, joint='d3')
+    # a lead of zero: loading does not shift the integrator, so the voltages differ by the learned part alone
+    learning.will_answer([0.0] * 30 + [0.5] * 10)
+    axis.load(1, learning_law='fourier')
+    first = axis.run(1)
+    axis.load(2, learning_law='fourier')
+    second = axis.run(2)
+    assert second[30].voltage > first[30].voltage + 0.1
+
+
+def test_nothing_is_learned_with_law_none(graph, axis, learning):
+    graph.start(JointControllerNode, joint='d3')
+    for cycle in (1, 2):
+        axis.load(cycle, learning_law='none')
+        assert feedforward_of(axis.run(cycle, lambda index: index * UM)) == [0.0] * SAMPLES
+    assert not learning.requests
+
+
+def answers_too_short(learning):
+    learning.will_answer([2.0] * (SAMPLES - 1))
+
+
+def answers_nan(learning):
+    learning.will_answer([math.nan] * SAMPLES)
+
+
+def refuses(learning):
+    learning.will_refuse('learning d3: not today')
+
+
+@pytest.mark.parametrize('fails', [refuses, answers_too_short, answers_nan])
+def test_feedforward_stays_when_learning_fails_and_learning_goes_on_from_it(graph, axis, learning, fails):
+    graph.start(JointControllerNode, joint='d3')
+    learning.will_answer([1.0] * SAMPLES)
+    fails(learning)
+    learning.will_answer([3.0] * SAMPLES)
+    applied = []
+    for cycle in range(1, 5):
+        axis.load(cycle, learning_law='fourier')
+        applied.append(axis.run(cycle)[0].feedforward)
+        if cycle < 4:
+            graph.spin_until(lambda n=cycle: len(learning.requests) == n, 'a request to learn')
+    assert applied == [0.0, 1.0, 1.0, 3.0]
+    assert [request.iteration for request in learning.requests[:3]] == [0, 1, 1]
+
+
+@pytest.mark.parametrize('changed', [{'motion': 'other'}, {'learning_law': 'fourier_pid'}, {'motion': 'same name'}])
+def test_changed_motion_or_law_starts_learning_from_zero(graph, axis, learning, changed):
+    graph.start(JointControllerNode, joint='d3')
+    learning.will_answer([1.0] * SAMPLES)
+    learning.will_answer([2.0] * SAMPLES)
+    axis.load(1, learning_law='fourier')
+    axis.run(1)
+    second = axis.message(2, **{'learning_law': 'fourier', **changed})
+    if changed == {'motion': 'same name'}:
+        second.motion = 'short'
+        for row in range(SAMPLES):
+            second.position[4 * row + axis.column] += 10 * UM
+    axis.send(second)
+    graph.next_event(CycleEvent.LOADED, cycle=2)
+    assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
+    graph.spin_until(lambda: len(learning.requests) == 2, 'the second request to learn')
+    assert learning.requests[1].iteration == 0
+    assert list(learning.requests[1].feedforward) == [0.0] * SAMPLES
+
+
+def test_cycle_is_loaded_only_when_learning_has_answered(graph, axis):
+    gate = Future()
+
+    async def answer_later(request, response):
+        response.success, response.feedforward = True, await gate
+        return response
+
+    graph.node.create_service(UpdateFeedforward, 'learning/update', answer_later)
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1, learning_law='fourier')
+    axis.run(1)
+    axis.send(axis.message(2, learning_law='fourier'))
+    graph.spin_in_silence()
+    assert not graph.events
+    gate.set_result(array('d', [1.0] * SAMPLES))
+    graph.next_event(CycleEvent.LOADED, cycle=2)
+    axis.sample(2, 0, axis.reference[0])
+    assert axis.answer().feedforward == 1.0
+
+
+def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
+    monkeypatch.setattr(axis_learning, 'LEARNING_TIMEOUT', 0.2)
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1, learning_law='fourier')
+    axis.run(1)
+    axis.load(2, learning_law='fourier')
+    notice = graph.next_event(CycleEvent.NOTICE, cycle=1)
+    assert notice.message == 'd3: no answer from learning/update for 0.2 s; going on with the feedforward there is'
+    assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
+
+
+def test_divergence_is_noticed_within_two_cycles_and_the_best_feedforward_is_driven_again(graph, axis, learning):
+    graph.start(JointControllerNode, joint='d3')
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
+    errors = [20 * UM, 4 * UM, 5 * UM, 13 * UM, 40 * UM, 4 * UM]  # from the fourth cycle on learning makes it worse
+    for level in range(1, 6):
+        learning.will_answer([0.1 * level] * SAMPLES)
+    driven = []
+    for cycle, error in enumerate(errors, start=1):
+        axis.load(cycle, learning_law='fourier')
+        driven.append(axis.run(cycle, lambda index, error=error: error)[-1].feedforward)
+    assert driven == [0.0, 0.1, 0.2, 0.30000000000000004, 0.4, 0.1]
+    notice = graph.next_event(CycleEvent.NOTICE)
+    assert (notice.source, notice.cycle) == ('d3', 5)
+    assert notice.message.startswith('learning of d3 diverges: 5.0, 13.0, 40.0 um rms')
+    assert 'back to the feedforward that left 4.0 um' in notice.message
+    graph.spin_until(lambda: any(s.level == DiagnosticStatus.WARN for m in diagnostics for s in m.status), 'a warning')
+    assert diagnostics[-1].status[0].message == notice.message
+    graph.spin_until(lambda: len(learning.requests) == 5, 'the request of the sixth cycle')
+    assert [request.iteration for request in learning.requests] == [0, 1, 2, 3, 0]
+
+
+def test_feedforward_that_comes_with_the_trajectory_is_driven_and_learned_from(graph, axis, learning):
+    graph.start(JointControllerNode, joint='d3')
+    learning.will_answer([3.0] * SAMPLES)
+    learning.will_answer([4.0] * SAMPLES)
+    message = axis.message(1, learning_law='fourier')
+    given = np.zeros((SAMPLES, 4))
+    given[:, axis.column] = np.linspace(0, 1, SAMPLES)
+    message.feedforward = array('d', given.tobytes())
+    axis.send(message)
+    graph.next_event(CycleEvent.LOADED, cycle=1)
+    assert feedforward_of(axis.run(1)) == list(given[:, axis.column])
+    axis.load(2, learning_law='fourier')
+    assert feedforward_of(axis.run(2)) == [3.0] * SAMPLES
+    graph.spin_until(lambda: len(learning.requests) == 2, 'two requests')
+    assert list(learning.requests[0].feedforward) == list(given[:, axis.column])
+    assert [request.cycle for request in learning.requests] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ('feedforward', 'text'),
+    [
+        ([0.0] * (SAMPLES * 4 - 1), '159 feedforward values; expected 40 x 4'),
+        ([math.nan] * (SAMPLES * 4), 'not finite'),
+    ],
+)
+def test_feedforward_that_does_not_fit_is_refused(graph, axis, feedforward, text):
+    graph.start(JointControllerNode, joint='d3')
+    message = axis.message(1)
+    message.feedforward = array('d', feedforward)
+    axis.send(message)
+    assert text in graph.next_event(CycleEvent.REFUSED, cycle=1).message
