@@ -29,6 +29,7 @@ from pkm_nodes.conversions import trajectory_to_msg
 from pkm_nodes.events import NAMES
 from pkm_nodes.node import PkmNode, reliable
 from support.axis import Axis, Learning
+from support.goals import CellStandIn, Goals
 
 _DOMAINS = range(41, 60)
 _next_domain = cycle(_DOMAINS)
@@ -212,3 +213,17 @@ def law(machine):
 @pytest.fixture
 def learning(graph):
     return Learning(graph)
+
+
+@pytest.fixture
+def goals(graph):
+    """Return who sends goals of execute_motion."""
+    goals = Goals(graph)
+    yield goals
+    goals.close()
+
+
+@pytest.fixture
+def stand_in(graph):
+    """Return the test in the place of the cell behind pose_trajectory."""
+    return CellStandIn(graph)

@@ -13,7 +13,7 @@ from pkm_core.control.robust import RobustController, load_control
 from pkm_core.identification.bag_data import read_cell_bag
 from pkm_core.motions import Motion, Target, plan
 from pkm_core.trajectory import to_joints
-from pkm_interfaces.action import ExecuteMotion, Identify
+from pkm_interfaces.action import Identify
 from pkm_interfaces.msg import CycleEvent, EncoderSample, Excitation, MotorCommand, SampledTrajectory
 from pkm_nodes.conversions import IDENTIFY, trajectory_to_msg
 from pkm_nodes.identification import IdentificationNode
@@ -144,35 +144,15 @@ def test_inverse_kinematics_leaves_a_cycle_planned_in_joints_alone(graph, machin
     assert [message.cycle for message in sent] == [2]
 
 
-class Goals:
-    """Sends goals to the trajectory generator."""
-
-    def __init__(self, graph):
-        self._graph = graph
-        self._client = ActionClient(graph.node, ExecuteMotion, 'execute_motion')
-
-    def send(self, joints, excitation, **fields):
-        """Return the future of the result."""
-        self._graph.spin_until(self._client.server_is_ready, 'the action server')
-        experiment = trajectory_to_msg(joints, cycle=0, motion='d3_sweep_0', learning_law='')
-        goal = ExecuteMotion.Goal(**{'cycles': 1, 'experiment': experiment, 'excitation': excitation} | fields)
-        sent = self._client.send_goal_async(goal)
-        self._graph.spin_until(sent.done, 'the acceptance of the goal')
-        return sent.result().get_result_async()
-
-    def end(self, result):
-        self._graph.spin_until(result.done, 'the result')
-        return result.result().status, result.result().result.message
-
-    def close(self):
-        self._client.destroy()
+def send(goals, joints, excitation, **fields):
+    """Return the handle of a goal of one cycle of identification."""
+    experiment = trajectory_to_msg(joints, cycle=0, motion='d3_sweep_0', learning_law='')
+    return goals.send(**{'experiment': experiment, 'excitation': excitation} | fields)
 
 
-@pytest.fixture
-def goals(graph):
-    goals = Goals(graph)
-    yield goals
-    goals.close()
+def end(goals, handle):
+    status, result = goals.result(handle)
+    return status, result.message
 
 
 @pytest.fixture
@@ -187,9 +167,9 @@ def cell(graph, tmp_path):
 
 
 def test_experiment_runs_as_one_cycle_and_its_bag_has_the_excitation(graph, cell, goals, machine, joints, volts):
-    result = goals.send(joints, excitations(volts))
+    result = send(goals, joints, excitations(volts))
     recorded = graph.next_event(CycleEvent.RECORDED)
-    assert goals.end(result) == (GoalStatus.STATUS_SUCCEEDED, '')
+    assert end(goals, result) == (GoalStatus.STATUS_SUCCEEDED, '')
     record, warnings = read_cell_bag(machine, recorded.message)
     assert not warnings
     assert np.array_equal(record.reference, joints.position)
@@ -199,20 +179,20 @@ def test_experiment_runs_as_one_cycle_and_its_bag_has_the_excitation(graph, cell
 
 def test_stop_of_the_running_cycle_brakes_the_machine_at_once(graph, cell, goals, joints, volts):
     events = graph.publisher(CycleEvent, 'cycle_events')
-    result = goals.send(joints, excitations(volts))
+    result = send(goals, joints, excitations(volts))
     graph.next_event(CycleEvent.STARTED, cycle=1)
     events.publish(CycleEvent(event=CycleEvent.STOP, source='somebody', cycle=1, message='enough'))
     fault = graph.next_event(CycleEvent.FAULT)
     assert fault.message == 'somebody: enough'
-    assert goals.end(result) == (GoalStatus.STATUS_ABORTED, 'machine: somebody: enough')
+    assert end(goals, result) == (GoalStatus.STATUS_ABORTED, 'machine: somebody: enough')
 
 
 def test_stop_of_another_cycle_means_nothing(graph, cell, goals, joints, volts):
     events = graph.publisher(CycleEvent, 'cycle_events')
-    result = goals.send(joints, excitations(volts))
+    result = send(goals, joints, excitations(volts))
     graph.next_event(CycleEvent.STARTED, cycle=1)
     events.publish(CycleEvent(event=CycleEvent.STOP, source='somebody', cycle=7, message='enough'))
-    assert goals.end(result) == (GoalStatus.STATUS_SUCCEEDED, '')
+    assert end(goals, result) == (GoalStatus.STATUS_SUCCEEDED, '')
 
 
 @pytest.mark.parametrize(
@@ -226,7 +206,7 @@ def test_stop_of_another_cycle_means_nothing(graph, cell, goals, joints, volts):
 def test_experiment_that_does_not_fit_is_refused(graph, goals, joints, volts, excited, fields, reason):
     graph.start(TrajectoryGeneratorNode)
     given = [each for each in excitations(volts) if each.joint in excited]
-    status, message = goals.end(goals.send(joints, given, **fields))
+    status, message = end(goals, send(goals, joints, given, **fields))
     assert status == GoalStatus.STATUS_ABORTED
     assert reason in message
 
