@@ -29,6 +29,7 @@ from pkm_nodes.conversions import trajectory_to_msg
 from pkm_nodes.events import NAMES
 from pkm_nodes.node import PkmNode, reliable
 from support.axis import Axis, Learning
+from support.controllers import Controllers
 from support.goals import CellStandIn, Goals
 
 _DOMAINS = range(41, 60)
@@ -227,3 +228,9 @@ def goals(graph):
 def stand_in(graph):
     """Return the test in the place of the cell behind pose_trajectory."""
     return CellStandIn(graph)
+
+
+@pytest.fixture
+def controllers(graph):
+    """Return the test in the place of the joint controllers."""
+    return Controllers(graph)

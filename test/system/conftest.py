@@ -3,9 +3,12 @@
 import os
 import signal
 import subprocess
+from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
+
+TOOL = Path(__file__).resolve().parents[2] / 'bringup_scripts' / 'ros2'
 
 
 class Processes:
@@ -75,3 +78,46 @@ def module_processes(request, tmp_path_factory):
     started = Processes(request.module.DOMAIN, tmp_path_factory.mktemp('processes'))
     yield started
     started.end()
+
+
+@pytest.fixture(scope='module')
+def ros2_environment():
+    """A graph of its own on this machine, and a PATH without a real ros2."""
+    return os.environ | {
+        'ROS_DOMAIN_ID': '73',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'PATH': '/usr/bin:/bin',
+        'TZ': 'UTC',
+        'COLUMNS': '120',
+    }
+
+
+@pytest.fixture
+def ros2(ros2_environment):
+    """Run the tool to its end, or press Ctrl-C once it has printed a text."""
+
+    def run(*args, until='', code=0):
+        process = subprocess.Popen(
+            [TOOL, *map(str, args)],
+            env=ros2_environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            out = ''
+            while until not in out and (line := process.stdout.readline()):
+                out += line
+            if until:
+                process.send_signal(signal.SIGINT)
+            out += process.stdout.read()
+            err = process.stderr.read()
+            assert process.wait() == code, out + err
+        finally:
+            process.kill()
+            process.wait()
+        assert 'Traceback' not in err
+        return subprocess.CompletedProcess(args, code, out, err)
+
+    return run

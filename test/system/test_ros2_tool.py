@@ -1,6 +1,5 @@
 """bringup_scripts/ros2 against a node of its own; the expected texts are those of ros2cli 0.32 (Jazzy)."""
 
-import os
 import re
 import signal
 import subprocess
@@ -19,8 +18,6 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool
@@ -124,20 +121,8 @@ class Bench(Node):
 
 
 @pytest.fixture(scope='module')
-def environment():
-    """A graph of its own on this machine, and a PATH without a real ros2."""
-    return os.environ | {
-        'ROS_DOMAIN_ID': '73',
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'PATH': '/usr/bin:/bin',
-        'TZ': 'UTC',
-        'COLUMNS': '120',
-    }
-
-
-@pytest.fixture(scope='module')
-def bench(environment):
-    process = subprocess.Popen([sys.executable, __file__], env=environment, stdout=subprocess.PIPE, text=True)
+def bench(ros2_environment):
+    process = subprocess.Popen([sys.executable, __file__], env=ros2_environment, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline() == 'ready\n'
         yield process
@@ -148,37 +133,6 @@ def bench(environment):
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-@pytest.fixture
-def ros2(environment):
-    """Run the tool to its end, or press Ctrl-C once it has printed a text."""
-
-    def run(*args, until='', code=0):
-        process = subprocess.Popen(
-            [TOOL, *map(str, args)],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        try:
-            out = ''
-            while until not in out and (line := process.stdout.readline()):
-                out += line
-            if until:
-                process.send_signal(signal.SIGINT)
-            out += process.stdout.read()
-            err = process.stderr.read()
-            assert process.wait() == code, out + err
-        finally:
-            process.kill()
-            process.wait()
-        assert 'Traceback' not in err
-        return subprocess.CompletedProcess(args, code, out, err)
-
-    return run
 
 
 def test_message_text_has_the_look_of_ros2cli():
@@ -397,53 +351,7 @@ def test_run_becomes_the_executable(ros2):
     )
 
 
-def write_bag(path):
-    types = get_typestore(Stores.ROS2_JAZZY)
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        message_type = 'std_msgs/msg/UInt8'
-        connection = writer.add_connection('/count', message_type, typestore=types)
-        for i in range(3):
-            data = types.serialize_cdr(types.types[message_type](data=i), message_type)
-            writer.write(connection, 1_700_000_000_000_000_001 + i * 500_000_000, data)
-    return path / f'{path.name}.mcap'
-
-
-def bag_text(file, size, distro):
-    return (
-        f'\nFiles:             {file}\nBag size:          {size}\n'
-        f'Storage id:        mcap\nROS Distro:        {distro}\n'
-        'Duration:          1.000000000s\n'
-        'Start:             Nov 14 2023 22:13:20.000000001 (1700000000.000000001)\n'
-        'End:               Nov 14 2023 22:13:21.000000001 (1700000001.000000001)\n'
-        'Messages:          3\n'
-        'Topic information: Topic: /count | Type: std_msgs/msg/UInt8 | Count: 3 | Serialization Format: cdr\n'
-        'Service:           0\nService information: \n'
-    )
-
-
-def test_bag_info_of_a_folder_and_of_a_file(ros2, tmp_path):
-    file = write_bag(tmp_path / 'bag')
-    assert file.stat().st_size > 1024
-    folder_size = sum(entry.stat().st_size for entry in file.parent.iterdir()) / 1024
-    assert ros2('bag', 'info', file.parent).stdout == bag_text(file.name, f'{folder_size:.1f} KiB', 'rosbags')
-    assert ros2('bag', 'info', file).stdout == bag_text(file, f'{file.stat().st_size / 1024:.1f} KiB', 'unknown')
-    assert ros2('bag', 'info', '-t', file).stdout == '/count\n'
-
-
-def test_bag_info_of_damaged_bags(ros2, tmp_path):
-    file = write_bag(tmp_path / 'bag')
-    file.write_bytes(file.read_bytes()[:-40])  # the end of a killed recording: no footer
-    result = ros2('bag', 'info', file)
-    assert 'Messages:          3\n' in result.stdout
-    assert 'has no summary' in result.stderr
-    file.write_text('no bag')
-    assert 'No plugin detected that could open file' in ros2('bag', 'info', file, code=1).stderr
-    (tmp_path / 'bag' / 'metadata.yaml').write_text('a: [')
-    assert 'Exception on parsing info file: ' in ros2('bag', 'info', tmp_path / 'bag', code=1).stderr
-    assert 'Could not find metadata in bag directory' in ros2('bag', 'info', tmp_path, code=1).stderr
-
-
-def test_real_ros2_on_path_takes_over(environment, tmp_path):
+def test_real_ros2_on_path_takes_over(ros2_environment, tmp_path):
     links, real = tmp_path / 'links', tmp_path / 'real'
     links.mkdir()
     real.mkdir()
@@ -452,7 +360,7 @@ def test_real_ros2_on_path_takes_over(environment, tmp_path):
     (real / 'ros2').chmod(0o755)
     result = subprocess.run(
         [links / 'ros2', 'topic', 'pub', 'a b'],
-        env=environment | {'PATH': f'{links}:{TOOL.parent}:{real}:/usr/bin:/bin'},
+        env=ros2_environment | {'PATH': f'{links}:{TOOL.parent}:{real}:/usr/bin:/bin'},
         input='from stdin',
         capture_output=True,
         text=True,
