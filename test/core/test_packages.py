@@ -25,7 +25,18 @@ INTERFACE_FILES = [path for kind in ('msg', 'srv', 'action') for path in INTERFA
 # rosdep's keys, where they are not python3-NAME
 KEYS = {'python3-yaml': 'yaml', 'python3-skimage': 'skimage', 'python3-trimesh-pip': 'trimesh'}
 # of PyPI, without a key of rosdep or only in too old a version: the image installs them with pip, see test_docker.py
-WITHOUT_KEY = {'control', 'distributed', 'mcap', 'mcap_ros2', 'mpl_toolkits', 'mujoco', 'pymoo', 'rich', 'rosbags'}
+WITHOUT_KEY = {
+    'control',
+    'distributed',
+    'llvmlite',
+    'mcap',
+    'mcap_ros2',
+    'mpl_toolkits',
+    'mujoco',
+    'pymoo',
+    'rich',
+    'rosbags',
+}
 WITHOUT_KEY |= {'ruckig', 'typer', 'viser', 'websockets', 'zstandard'}
 
 
