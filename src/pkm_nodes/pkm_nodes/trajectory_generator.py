@@ -211,7 +211,7 @@ class TrajectoryGeneratorNode(PkmNode):
         elif self._pending:
             self._publish_pending()
         elif self._running_machine is not None and self._running_machine.has_ended():
-            reason = 'the machine that ran it is gone, nothing has come from its process for 20 s; start it again'
+            reason = 'the machine that ran it is gone: its process has ended, or is out of reach; start it again'
             self._events.publish(CycleEvent.STOP, self._cycle, message=reason)  # frees the controllers
             self._end_cycle(f'cycle {self._cycle}: {reason}')
         elif self._all_metrics is not None and not self._all_metrics.done() and now > self._deadline:
