@@ -420,15 +420,22 @@ def test_message_that_knows_no_tick_goes_into_the_cycle_that_runs(tmp_path):
         lambda *_: {},
         cell.warnings.append,
     )
-    take = cell.recording.takers['/diagnostics']
-    empty = struct.pack('<4xiII4x', 0, 0, 1)
-    take(empty)  # while nothing runs
+    take, types = cell.recording.takers['/diagnostics'], typestore()
+    of_node = {}
+    for name in ('/pkm/machine', '/pkm_2/machine', '/left/pkm/machine'):
+        fields = {'level': 0, 'message': '', 'hardware_id': '', 'values': []}
+        status = types.types['diagnostic_msgs/msg/DiagnosticStatus'](name=name, **fields)
+        header = types.types['std_msgs/msg/Header'](types.types['builtin_interfaces/msg/Time'](0, 0), '')
+        array = types.types[diagnostics.kind](header=header, status=[status])
+        of_node[name] = bytes(types.serialize_cdr(array, diagnostics.kind))
+    take(of_node['/pkm/machine'])  # while nothing runs
     cell.load(1)
     cell.run(1, 0, end=10)
-    take(empty)
+    for data in of_node.values():  # the last two are of other cells in the same graph
+        take(data)
     cell.recording.close_all()
-    [(topic, _, _, time)] = raw_messages(cell.outcome().path, ['/diagnostics'])
-    assert (topic, time) == ('/diagnostics', 9 * 500_000)
+    [(topic, _, data, time)] = raw_messages(cell.outcome().path, ['/diagnostics'])
+    assert (topic, bytes(data), time) == ('/diagnostics', of_node['/pkm/machine'], 9 * 500_000)
 
 
 def test_second_recorder_on_a_folder_is_refused_until_the_first_has_ended(tmp_path):

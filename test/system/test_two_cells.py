@@ -8,6 +8,7 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 
+from pkm_core.bags import read_topics
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
@@ -67,7 +68,9 @@ def test_bags_hold_the_topics_of_their_own_cell_and_lose_none(runs, name):
     for path in (runs[0][name] / 'bags').iterdir():
         recorded = read_cycle(path).recorded
         foreign = {topic for topic in recorded if not topic.startswith(f'/{name}/')}
-        assert foreign <= {'/diagnostics'}  # all nodes of a graph share it
+        assert foreign <= {'/diagnostics'}  # all nodes of a graph share it, and a bag has its own cell's of it
+        for message in read_topics(path, ['/diagnostics'])['/diagnostics']:
+            assert all(status.name.startswith(f'/{name}/') for status in message.status)
     results = json.loads((runs[0][name] / 'results.json').read_text())
     assert all(m['recorded'] >= (m['expected'] or 0) for m in results['messages'].values())
 

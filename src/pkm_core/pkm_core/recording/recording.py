@@ -75,6 +75,8 @@ class Recording:
         self._machine, self._tick_ns = machine, round(machine.sample_time * 1e9)
         self._preroll = PreRoll(max(1, round(preroll / machine.sample_time)), topics, self._tick_ns)
         self._types = typestore()
+        # of the cell, from what its own topics are called: ('/pkm/',)
+        self._spaces = tuple({name.removesuffix(t.name) for name, t in topics.items() if t.name[0] != '/'})
         self._cycles = {}
         self._closed = {}  # first tick that is not in it, by cycle
         self._states = []  # blocks of states and measurements that came before their tick
@@ -223,9 +225,16 @@ class Recording:
         """Put messages that know no simulated time into the cycle that runs; between cycles there is none."""
         running = [cycle for cycle in self._cycles.values() if cycle.last_tick is not None and cycle.ended is None]
         for message in messages if running else ():
+            if self._is_foreign(topic, message):
+                continue
             block = single(topic, message, running[-1].last_tick)
             self._preroll.take(block)
             self._put(running[-1], block)
+
+    def _is_foreign(self, topic, message):
+        """Tell whether a message of diagnostics, a topic that all cells of a graph share, is of another cell."""
+        statuses = self._types.deserialize_cdr(message.tobytes(), self._topics[topic].kind).status
+        return bool(statuses) and not any(status.name.startswith(self._spaces) for status in statuses)
 
     def _take_trajectory(self, topic, messages):
         for message in messages:
