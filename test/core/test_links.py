@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 LINK = re.compile(r'!?\[[^\]]*\]\(([^)\s]+)\)')
+INLINE = re.compile(r'(?<![\\$\w])\$(?=\S)([^$]+)\$(?!\w)')
 CODE = re.compile(r'^```.*?^```$|`[^`\n]*`', re.MULTILINE | re.DOTALL)
 
 
@@ -54,6 +55,24 @@ def test_paths_in_code_exist():
     for page in PAGES:
         for path in re.findall(r'`((?:src|config|docs|test|bringup_scripts|docker)/[\w./-]+)`', page.read_text()):
             assert (ROOT / path.rstrip('/')).exists(), f'{page.name}: {path}'
+
+
+def formulas(page):
+    """Return the formulas in lines, and those in blocks, of a page."""
+    text = page.read_text(encoding='utf-8')
+    return INLINE.findall(CODE.sub('', text)), re.findall(r'^```math\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_formulas_come_through_markdown_whole(page):
+    """Within a line Markdown takes a backslash before punctuation, and stars, for its own; blocks are left alone."""
+    inline, blocks = formulas(page)
+    for formula in inline:
+        assert not re.search(r'\\[^a-zA-Z]|\*', formula), f'{page.name}: {formula}'
+    for formula in (*inline, *blocks):
+        braces = re.sub(r'\\[{}]', '', formula)
+        assert braces.count('{') == braces.count('}'), f'{page.name}: {formula}'
+        assert re.findall(r'\\begin{(\w+)}', formula) == re.findall(r'\\end{(\w+)}', formula), f'{page.name}: {formula}'
 
 
 def test_tests_named_by_the_pages_exist():
