@@ -9,12 +9,11 @@ tick, eight messages long, is better off with the bytes of all that has come sin
 import ctypes
 
 import numpy as np
-from llvmlite import binding
 from numba import njit, types
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
-# rclpy has loaded both: they are found by their names
-binding.load_library_permanently('librcl.so')
+# rclpy has loaded both, so their names are enough; what is compiled here finds only what is global
+ctypes.CDLL('librcl.so', ctypes.RTLD_GLOBAL)
 _rcutils = ctypes.CDLL('librcutils.so')
 _take_serialized = types.ExternalFunction('rcl_take_serialized_message', types.int32(*4 * [types.intp]))
 _copy = types.ExternalFunction('memcpy', types.intp(*3 * [types.intp]))

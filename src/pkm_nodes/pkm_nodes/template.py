@@ -6,13 +6,13 @@ Where strings and lengths stay, the numbers can be put into the bytes of the las
 different on the topics.
 """
 
-from contextlib import suppress
+from array import array
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from rclpy.serialization import deserialize_message, serialize_message
+
+from pkm_core.message_types import typestore
 
 # what stands in a message that becomes a template for a double, a stamp and a pose that change
 DOUBLE = float('nan')
@@ -65,10 +65,22 @@ class Template:
 
 
 def _serialized(message):
-    """Return the bytes of `message` without those that rclpy reserves behind them for empty sequences."""
-    data = serialize_message(message)
-    with suppress(_rclpy.RMWError):  # the first byte that is needed
-        while True:
-            deserialize_message(data[:-1], type(message))
-            data = data[:-1]
-    return data
+    """Return `message` as bytes; rclpy would leave anything between the numbers, and more behind the last one."""
+    return bytes(typestore().serialize_cdr(_plain(message), _kind(message)))
+
+
+def _plain(value):
+    """Return a message of rclpy, or what stands in one, as the types of pkm_core.message_types."""
+    if isinstance(value, (array, np.ndarray)):
+        return np.array(value)
+    if isinstance(value, list):
+        return [_plain(entry) for entry in value]
+    if not hasattr(value, 'get_fields_and_field_types'):
+        return value
+    fields = {name: _plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    return typestore().types[_kind(value)](**fields)
+
+
+def _kind(message):
+    """Return the name of the type of `message`."""
+    return f'{type(message).__module__.split(".")[0]}/msg/{type(message).__name__}'
