@@ -52,8 +52,8 @@ class Cell:
         types = self._types.types
         self.deliver(topic, bytes(self._types.serialize_cdr(types[kind](**fields), kind)))
 
-    def deliver(self, topic, data, number=1):
-        self.recording.takers[f'/pkm/{topic}'](data, number)
+    def deliver(self, topic, data):
+        self.recording.takers[f'/pkm/{topic}'](data)
 
     def tell(self, event, cycle, tick=0, samples=SAMPLES, message=''):
         number = getattr(self._types.types[EVENT], event)
@@ -131,14 +131,13 @@ class SlowCell(Cell):
         super().__init__(folder)
         self._late = {topic.removeprefix('/pkm/'): [] for topic in self.topics}
 
-    def deliver(self, topic, data, number=1):
+    def deliver(self, topic, data):
         self._late[topic].append(data)
 
     def arrive(self):
         for topic, messages in self._late.items():
             for size, alike in groupby(messages, key=len):
-                data = b''.join(alike)
-                super().deliver(topic, data, len(data) // size)
+                super().deliver(topic, np.frombuffer(b''.join(alike), np.uint8).reshape(-1, size))
             messages.clear()
         self.recording.sort()
 

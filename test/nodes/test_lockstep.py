@@ -70,10 +70,8 @@ class Listener(PkmNode):
         for topic in ('ping_says', 'pong_says'):
             self.create_subscription(UInt64, topic, self._on_numbers, TICK_QOS, callback_group=group, raw=True)
 
-    def _on_numbers(self, data, number=1):
-        size = len(data) // number
-        messages = [data[begin : begin + size] for begin in range(0, len(data), size)]
-        self.heard += [deserialize_message(message, UInt64).data for message in messages]
+    def _on_numbers(self, messages):
+        self.heard += [deserialize_message(message.tobytes(), UInt64).data for message in messages]
 
     def _on_emptied(self):
         self.turns += 1

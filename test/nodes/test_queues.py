@@ -35,9 +35,8 @@ def taken(subscription, enough=1000):
     """Return the blocks that a new `Taker` hands over, as lists of bytes, and its answer."""
     blocks = []
 
-    def keep(data, number):
-        size = len(data) // number
-        blocks.append([data[begin : begin + size] for begin in range(0, len(data), size)])
+    def keep(messages):
+        blocks.append([message.tobytes() for message in messages])
 
     return blocks, Taker().take(subscription.handle.pointer, keep, enough)
 

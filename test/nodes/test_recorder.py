@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections import Counter
+from functools import partial
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -142,6 +143,32 @@ def test_cycle_gives_one_bag_that_rosbags_and_mcap_read_with_every_message(graph
     expected = json.loads(read_metadata(bag)['custom_data']['expected'])
     # of events nobody can say how many there must be
     assert expected == {t: count for t, count in expected_counts().items() if t != '/pkm/cycle_events'}
+
+
+class Neighbour(PkmNode):
+    """Takes the servo tick as controllers and motors do."""
+
+    def __init__(self, **kwargs):
+        super().__init__('neighbour', **kwargs)
+        self.taken = Counter()
+        for joint in JOINTS:
+            for kind, message_type in (('encoder', EncoderSample), ('command', MotorCommand)):
+                take = partial(self._on_message, f'/pkm/{joint}/{kind}')
+                self.on_tick_topic(message_type, f'{joint}/{kind}', take, raw=True)
+
+    def _on_message(self, topic, data):
+        self.taken[topic] += 1
+
+
+def test_tick_that_a_neighbour_in_the_process_takes_needs_no_second_reader(graph, cell, tmp_path):
+    neighbour = graph.start(Neighbour)
+    graph.start(partial(RecorderNode, [neighbour]), folder=str(tmp_path))
+    assert graph.node.count_subscribers('d1/encoder') == graph.node.count_subscribers('d7/command') == 1
+    progress = graph.listen(UInt64, 'recorder/tick')
+    graph.spin_until(lambda: progress, 'the word that it is connected')
+    cell.play(1, 0)
+    assert counts_by_mcap(bag_of(graph, 1)) == expected_counts()
+    assert neighbour.taken == {t: SAMPLES for t in expected_counts() if t.endswith(('encoder', 'command'))}
 
 
 def test_values_and_simulated_times_are_what_was_published(graph, cell, tmp_path):

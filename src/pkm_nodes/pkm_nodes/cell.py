@@ -52,6 +52,8 @@ def make_nodes():
     for spec in nodes[0].specs:
         parameters = {'use_sim_time': use_sim_time, **spec.parameters}
         named = {} if spec.name == spec.executable else {'name': spec.name}
+        if spec.executable == 'recorder':
+            named['neighbours'] = nodes
         node = NODES[spec.executable](
             parameter_overrides=[Parameter(key, value=value) for key, value in parameters.items()], **named
         )

@@ -59,8 +59,8 @@ class PatientGroup(ReentrantCallbackGroup):
     """
     Raw subscriptions whose messages may wait while ticks flow.
 
-    Their callbacks are called as ``callback(data, number)`` with the bytes of `number` messages of equal size, one
-    after the other, or as ``callback(data)`` with one; `emptied()` is called after every turn.
+    Their callbacks get the bytes of one message, or several messages of equal size as the rows of an array of bytes;
+    `emptied()` is called after every turn.
     """
 
     def __init__(self, emptied):
@@ -258,9 +258,8 @@ class _Queues:
         found = 0
         for pointer, callback in self._callbacks:
             found += self._taker.take(pointer, callback, _EMPTY_AT_MOST)
-        if found:
-            for group in self._groups:
-                group.emptied()
+        for group in self._groups:
+            group.emptied()
         return found > 0
 
 

@@ -107,6 +107,17 @@ class PkmNode(Node):
         return publisher, publisher.handle.publish_raw  # `publish` would find out every time what it was given
 
 
+def listen_in(subscription, callback):
+    """Call `callback(message)` too, and first, with every message that another node's `subscription` takes."""
+    owner = subscription.callback
+
+    def both(message):
+        callback(message)
+        owner(message)
+
+    subscription.callback = both
+
+
 def run(make_nodes, args=None, *, spin=spin):
     """
     Run the nodes `make_nodes()` returns in `spin(nodes)` until interrupted; return the process's exit code.

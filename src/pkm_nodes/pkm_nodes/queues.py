@@ -78,14 +78,14 @@ class Taker:
 
     def take(self, subscription, callback, enough):
         """
-        Call `callback(data, number)` with what waits, oldest first, until there is no more or it has been enough.
+        Call `callback(messages)` with what waits, oldest first, until there is no more or it has been enough.
 
         Parameters
         ----------
         subscription : int
             Address of its rcl_subscription_t; whoever calls keeps it alive.
         callback : callable
-            Takes the bytes of `number` messages of equal size, one after the other.
+            Takes messages of equal size, the rows of an array of bytes.
         enough : int
             After how many messages the rest is left for another time.
 
@@ -98,18 +98,18 @@ class Taker:
         taken, code = 0, _OK
         while code == _OK and (taken < enough or self._message[_LENGTH]):
             number, end, code = _take_alike(subscription, self._message, self._content, enough)
-            if number == 0 and code == _OK:
-                self._take_large(callback)
+            if number:
+                callback(self._content[:end].reshape(number, -1).copy())
+            elif code == _OK:
+                callback(self._take_large())
                 number = 1
-            elif number:
-                callback(self._content[:end].tobytes(), number)
             taken += number
         if code not in (_OK, _NOTHING):
             raise _rclpy.RCLError(f'rcl_take_serialized_message has returned {code}')
         return taken
 
-    def _take_large(self, callback):
-        """Hand over the message that waits and is larger than all the room."""
+    def _take_large(self):
+        """Return the message that is larger than all the room."""
         data = ctypes.string_at(int(self._message[_BUFFER]), int(self._message[_LENGTH]))
         self._message[_LENGTH] = 0
-        callback(data, 1)
+        return np.frombuffer(data, np.uint8)[np.newaxis]

@@ -25,7 +25,7 @@ from pkm_nodes.conversions import time_of_tick
 from pkm_nodes.events import CycleEvents
 from pkm_nodes.graph_parameters import GraphParameters
 from pkm_nodes.lockstep import PatientGroup
-from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, run
+from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, listen_in, run
 from pkm_nodes.ros2.shared import find_interface
 
 # those of the servo tick, and the states that come with them: deep queues
@@ -35,9 +35,18 @@ _LONGEST_PREROLL = 60.0
 
 
 class RecorderNode(PkmNode):
-    """Writes the cycles of a cell into `folder`."""
+    """
+    Writes the cycles of a cell into `folder`.
 
-    def __init__(self, **kwargs):
+    Parameters
+    ----------
+    neighbours : sequence of PkmNode
+        Other nodes of this process. What they take of the servo tick as bytes is recorded as they take it: readers of
+        its own, eight more deliveries and takes a tick, would cost as much as all the rest of recording.
+
+    """
+
+    def __init__(self, neighbours=(), **kwargs):
         super().__init__('recorder', **kwargs)
         machine = self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
         self._control = self.setting('control', 'robust', 'choice of the controllers, for the hash in the metadata')
@@ -54,8 +63,10 @@ class RecorderNode(PkmNode):
         self._recording = Recording(self._lock.path, topics, model, preroll, self._facts, self.get_logger().warn)
         self._queue = PatientGroup(self._serve)
         self._tick_subscriptions = []
+        theirs = [s for node in neighbours for s in node.subscriptions if s.callback_group is node.hot_group and s.raw]
+        taken = {subscription.topic_name: subscription for subscription in theirs}
         for name, topic in topics.items():
-            self._listen(name, topic)
+            self._listen(name, topic, taken.get(name))
         self._progress = self.create_publisher(UInt64, 'recorder/tick', TICK_QOS)
         self._reported = None
         self._events = CycleEvents(self, 'recorder')
@@ -71,8 +82,13 @@ class RecorderNode(PkmNode):
         self._announcer = self.create_timer(0.2, self._announce, clock=wall)
         self._connected = 0
 
-    def _listen(self, name, topic):
+    def _listen(self, name, topic, taken):
+        """Record a topic; `taken` is the subscription of a neighbour that takes the same messages, or None."""
         message_type, take = find_interface(topic.kind, 'msg'), self._recording.takers[name]
+        if taken is not None:
+            listen_in(taken, take)
+            self._tick_subscriptions.append(taken)
+            return
         # all in one group: events that were served after the ticks of many cycles would end the wrong one
         qos = TICK_QOS if topic.by in _WITH_TICKS else CYCLE_QOS
         subscription = self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)

@@ -22,12 +22,11 @@ def single(topic, message, tick):
     return Block(topic, message[np.newaxis], None if tick is None else np.array([tick]))
 
 
-def rows(data, number=1):
-    """Return the bytes of `number` messages of equal size, one after the other, as the rows of an array."""
-    return np.frombuffer(data, np.uint8).reshape(number, -1)
+def rows(data, size=None):
+    """Return bytes as the rows of an array: messages of `size` one after the other, or one message."""
+    return np.frombuffer(data, np.uint8).reshape(-1, size or len(data))
 
 
 def field(messages, offset, kind):
     """Return the numbers of the numpy type `kind` that stand `offset` bytes from the start of every row."""
-    size = np.dtype(kind).itemsize
-    return np.ascontiguousarray(messages[:, offset : offset + size]).view(kind)[:, 0]
+    return np.ndarray(len(messages), kind, messages, offset, messages.shape[1:])

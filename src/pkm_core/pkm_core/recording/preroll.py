@@ -1,11 +1,11 @@
 """The last moments of a cell, kept in memory for a snapshot."""
 
-from collections import deque
+from collections import Counter, deque
 from datetime import datetime
+from itertools import chain
 
 from pkm_core.errors import BagError
 from pkm_core.recording.cycle import free_path, open_bag
-from pkm_core.recording.topics import By
 
 
 class PreRoll:
@@ -25,23 +25,23 @@ class PreRoll:
 
     def __init__(self, ticks, topics, sample_time_ns):
         self._ticks, self._topics, self._tick_ns = ticks, topics, sample_time_ns
-        # one message a tick of every topic of the tick, and room for the rest, which is rarer
-        per_tick = sum(topic.by is By.TICK for topic in topics.values())
-        self._room, self._number = ticks * (per_tick + 2), 0
-        self._kept = deque()  # blocks
+        self._kept = {name: deque() for name in topics}  # blocks by topic
+        self._numbers = Counter()  # messages in them
         self._trajectories = {}
 
     def take(self, block):
-        """Take messages; the oldest blocks go when all the others hold enough."""
-        self._kept.append(block)
-        self._number += len(block.ticks)
-        while self._number - len(self._kept[0].ticks) >= self._room:
-            self._number -= len(self._kept.popleft().ticks)
+        """Take messages; blocks of their topic go that are too old, or when the others hold one a tick."""
+        kept, too_old = self._kept[block.topic], block.ticks[-1] - self._ticks
+        kept.append(block)
+        self._numbers[block.topic] += len(block.ticks)
+        while kept[0].ticks[-1] <= too_old or self._numbers[block.topic] - len(kept[0].ticks) >= self._ticks:
+            self._numbers[block.topic] -= len(kept.popleft().ticks)
 
     def clear(self):
         """Forget everything but the trajectories."""
-        self._kept.clear()
-        self._number = 0
+        self._numbers.clear()
+        for kept in self._kept.values():
+            kept.clear()
 
     def take_trajectory(self, topic, data):
         """Take a trajectory; the last of each topic goes into every snapshot."""
@@ -49,11 +49,12 @@ class PreRoll:
 
     def save(self, folder, facts):
         """Write what is kept into a new bag in `folder` and return its path."""
-        if not self._kept:
+        blocks = [*chain(*self._kept.values())]
+        if not blocks:
             raise BagError('nothing to keep: no message of the servo tick has come yet')
-        newest = max(int(block.ticks.max()) for block in self._kept)
-        recent = [block.where(block.ticks > newest - self._ticks) for block in self._kept]
-        kept = [block for block in recent if len(block.ticks)]
+        newest = max(int(block.ticks.max()) for block in blocks)
+        recent = [block.where(block.ticks > newest - self._ticks) for block in blocks]
+        kept = sorted((block for block in recent if len(block.ticks)), key=lambda block: block.ticks[0])
         oldest = min(int(block.ticks.min()) for block in kept)
         now = datetime.now().astimezone()
         metadata = {

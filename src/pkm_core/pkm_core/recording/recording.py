@@ -26,6 +26,8 @@ from pkm_core.recording.topics import By, expected_messages
 # [s, wall] how long a cycle that has ended may wait for the last of its messages
 STRAGGLERS = 2.0
 _EVENT = 'pkm_interfaces/msg/CycleEvent'
+# of a serialized message of the servo tick: tick and cycle come first
+_TICK_BYTES = 44
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Recording:
     Attributes
     ----------
     takers : dict of str to callable
-        By topic, what takes its serialized messages: ``take(data, number=1)``, `number` of them one after the other.
+        By topic, what takes a serialized message, or several of equal size as the rows of an array of bytes.
     outcomes : list of Outcome
         Of the cycles closed since somebody emptied it.
     running : bool
@@ -80,16 +82,17 @@ class Recording:
         self._cycles = {}
         self._closed = {}  # first tick that is not in it, by cycle
         self._states = []  # blocks of states and measurements that came before their tick
-        self._fresh = []  # blocks of the servo tick that are not sorted yet
         self._ticks = {name: -1 for name, topic in topics.items() if topic.by is By.TICK}  # last tick by topic
+        self._fresh = {name: [] for name in self._ticks}  # messages of the servo tick that are not sorted yet
         self.outcomes = []
         self.running = True
         self.takers = {name: partial(_take_rows, self._taker(topic), name) for name, topic in topics.items()}
+        self.takers |= {name: fresh.append for name, fresh in self._fresh.items()}
 
     def _taker(self, topic):
         """Return what takes a topic and the rows of its messages."""
         takers = {
-            By.TICK: self._take_tick,
+            By.TICK: None,
             By.CYCLE: self._take_of_cycle,
             By.STAMP: partial(self._take_stamped, topic.stamp_at),
             By.TIME: self._take_timed,
@@ -144,19 +147,20 @@ class Recording:
 
     # what comes
 
-    def _take_tick(self, topic, messages):
-        self._fresh.append(Block(topic, messages, field(messages, 4, '<i8')))
-
     def sort(self):
         """Sort what has come of the servo tick since the last call."""
-        fresh, self._fresh = self._fresh, []
-        for block in fresh:
-            numbers = field(block.messages, 12, '<u4')
+        anything = False
+        for topic, fresh in self._fresh.items():
+            if not fresh:
+                continue
+            anything = True
+            messages = rows(b''.join(fresh), _TICK_BYTES)
+            fresh.clear()
+            ticks, numbers = field(messages, 4, '<i8'), field(messages, 12, '<u4')
             cuts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
             for begin, end in pairwise([0, *cuts, len(numbers)]):  # of every cycle
-                part = Block(block.topic, block.messages[begin:end], block.ticks[begin:end])
-                self._sort_block(part, int(numbers[begin]))
-        if fresh or self._states:
+                self._sort_block(Block(topic, messages[begin:end], ticks[begin:end]), int(numbers[begin]))
+        if anything or self._states:
             self._place_states()
             for cycle in list(self._cycles.values()):
                 self._advance(cycle)
@@ -372,6 +376,6 @@ class Recording:
         self._warn(f'{topic}: a message of cycle {number} came after its bag was closed; not recorded')
 
 
-def _take_rows(take, topic, data, number=1):
-    """Call `take` for `topic` with the rows of the `number` messages in `data`."""
-    take(topic, rows(data, number))
+def _take_rows(take, topic, data):
+    """Call `take` for `topic` with the rows of `data`."""
+    take(topic, rows(data) if isinstance(data, bytes) else data)
