@@ -76,7 +76,6 @@ class BagWriter:
         }
         self._writer.add_metadata('pkm', self._metadata)
         self._before = self.counts.copy()
-        self._start, self._end = NEVER, 0
         self._flush()
 
     def _flush(self):
@@ -90,7 +89,6 @@ class BagWriter:
 
     def write_block(self, topic, messages, times):
         """Add serialized messages of equal size, a row of the (n, size) array of bytes each, at `times` (n,) [ns]."""
-        self._start, self._end = min(self._start, int(times.min())), max(self._end, int(times.max()))
         size = _MESSAGE_OVERHEAD + messages.shape[1]
         while len(messages):
             fitting = -(-(CHUNK_BYTES - self._unsaved) // size)  # a chunk ends with the message that fills it
@@ -134,7 +132,8 @@ class BagWriter:
 
     def _finish_file(self, facts):
         counts = self.counts - self._before
-        done = FileFacts(self._file.name, self._start, max(0, self._end - self._start), counts.total())
+        start, end = self._writer.span() if counts else (NEVER, NEVER)
+        done = FileFacts(self._file.name, start, end - start, counts.total())
         self._closed.append(done)
         self._writer.add_metadata('rosbag2', {'serialized_metadata': dump(self._information([done], counts, facts))})
         self._writer.finish()

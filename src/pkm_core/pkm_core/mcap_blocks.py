@@ -51,7 +51,7 @@ class BlockWriter(Writer):
 
         """
         first, last = int(times.min()), int(times.max())
-        statistics = vars(self)['_Writer__statistics']
+        statistics = self._statistics()
         if statistics.message_count == 0:
             statistics.message_start_time = first
         statistics.message_start_time = min(first, statistics.message_start_time)
@@ -59,6 +59,14 @@ class BlockWriter(Writer):
         statistics.channel_message_counts[channel] += len(messages)
         statistics.message_count += len(messages)
         self._chunk.add_messages(channel, times, messages, sequence, first, last)
+
+    def span(self):
+        """Return the times [ns] of the oldest and the newest message so far; there must be one."""
+        statistics = self._statistics()
+        return statistics.message_start_time, statistics.message_end_time
+
+    def _statistics(self):
+        return vars(self)['_Writer__statistics']
 
 
 class _Chunk(ChunkBuilder):

@@ -39,8 +39,8 @@ _SERVE_EVERY = 0.05
 _SERVE_SHARE = 0.05
 # [ns] silence after which all the rest is waited for as well
 _QUIET = 300_000
-# [s] how often patient subscriptions are emptied: some 100 ticks of the thousand they hold
-_EMPTY_EVERY = 0.01
+# [s] how often patient subscriptions are emptied: some 200 ticks of the thousand they hold
+_EMPTY_EVERY = 0.02
 # messages taken from one of them at a time, so that a fast publisher cannot keep the others waiting
 _EMPTY_AT_MOST = 1000
 # [s] how often quality-of-service events are looked at, and the longest sleep

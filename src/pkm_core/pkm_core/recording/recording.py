@@ -209,11 +209,12 @@ class Recording:
         reached = max(self._ticks.values())
         states, self._states = self._states, []
         for block in states:
-            due = block.ticks <= reached
-            if not due.all():
-                self._states.append(block.where(~due))
-            if due.any():
-                self._place(block.where(due))
+            early = block.ticks > reached
+            if early.any():
+                self._states.append(block.where(early))
+                block = block.where(~early)
+            if len(block.ticks):
+                self._place(block)
 
     def _place(self, block):
         self._preroll.take(block)
