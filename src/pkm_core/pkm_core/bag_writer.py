@@ -11,6 +11,7 @@ from collections import Counter
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+from textwrap import indent
 
 import numpy as np
 import zstandard
@@ -121,9 +122,11 @@ class BagWriter:
 
         """
         self._writer.add_metadata('pkm_end', facts)
-        self._finish_file(facts)
-        info = self._information(self._closed, self.counts, facts)
-        (self.path / 'metadata.yaml').write_text(dump({'rosbag2_bagfile_information': info}), encoding='utf-8')
+        text = self._finish_file(facts)
+        if len(self._closed) > 1:
+            text = dump(self._information(self._closed, self.counts, facts))
+        text = 'rosbag2_bagfile_information:\n' + indent(text, '  ')
+        (self.path / 'metadata.yaml').write_text(text, encoding='utf-8')
 
     def abandon(self):
         """Let go of the file after a failure; what has been handed to the operating system stays."""
@@ -131,14 +134,17 @@ class BagWriter:
             self._stream.close()
 
     def _finish_file(self, facts):
+        """Finish the file, read it back and return what it says of itself, as YAML."""
         counts = self.counts - self._before
         start, end = self._writer.span() if counts else (NEVER, NEVER)
         done = FileFacts(self._file.name, start, end - start, counts.total())
         self._closed.append(done)
-        self._writer.add_metadata('rosbag2', {'serialized_metadata': dump(self._information([done], counts, facts))})
+        text = dump(self._information([done], counts, facts))
+        self._writer.add_metadata('rosbag2', {'serialized_metadata': text})
         self._writer.finish()
         self._stream.close()
         _verify(self._file, {self._channels[topic]: count for topic, count in counts.items()})
+        return text
 
     def _information(self, files, counts, facts):
         topics = [(topic, kind, self._hashes[topic], counts[topic]) for topic, kind in self._topics.items()]
