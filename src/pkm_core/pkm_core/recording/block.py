@@ -23,10 +23,12 @@ def single(topic, message, tick):
 
 
 def rows(data, size=None):
-    """Return bytes as the rows of an array: messages of `size` one after the other, or one message."""
+    """Return messages as the rows of an array: bytes of one, or of several of `size` one after the other, or rows."""
+    if isinstance(data, np.ndarray):
+        return data
     return np.frombuffer(data, np.uint8).reshape(-1, size or len(data))
 
 
-def field(messages, offset, kind):
+def numbers_at(messages, offset, kind):
     """Return the numbers of the numpy type `kind` that stand `offset` bytes from the start of every row."""
     return np.ndarray(len(messages), kind, messages, offset, messages.shape[1:])

@@ -75,7 +75,7 @@ class CycleRecording:
     def take_ticks(self, block):
         """Take messages of the servo tick, of which every one counts."""
         self.last_tick = int(block.ticks[-1])
-        self._ticks[block.topic].append(block.ticks)
+        self._ticks[block.topic].append(block.ticks.copy())
         if block.topic in self._learned:
             self._learned[block.topic] += block.messages[:, _FEEDFORWARD].tobytes()
         self.take(block)

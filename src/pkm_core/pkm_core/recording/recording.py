@@ -7,8 +7,7 @@ time. A bag is closed when everything its cycle must hold has come, or some time
 costs its own cycle; the next one is tried again.
 """
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 
 from pkm_core.errors import BagError
 from pkm_core.message_types import typestore
-from pkm_core.recording.block import Block, field, rows, single
+from pkm_core.recording.block import Block, numbers_at, rows, single
 from pkm_core.recording.cycle import CycleRecording
 from pkm_core.recording.preroll import PreRoll
 from pkm_core.recording.topics import By, expected_messages
@@ -26,8 +25,6 @@ from pkm_core.recording.topics import By, expected_messages
 # [s, wall] how long a cycle that has ended may wait for the last of its messages
 STRAGGLERS = 2.0
 _EVENT = 'pkm_interfaces/msg/CycleEvent'
-# of a serialized message of the servo tick: tick and cycle come first
-_TICK_BYTES = 44
 
 
 @dataclass(frozen=True)
@@ -38,8 +35,8 @@ class Outcome:
     tick: int  # last one
     path: Path | None  # of its bag
     messages: int = 0
-    lost: dict[str, int] = dataclasses.field(default_factory=dict)  # messages by topic, and
-    lost_ticks: dict[str, list] = dataclasses.field(default_factory=dict)  # the ticks of those of the servo tick
+    lost: dict[str, int] = field(default_factory=dict)  # messages by topic, and
+    lost_ticks: dict[str, list] = field(default_factory=dict)  # the ticks of those of the servo tick
     failure: str = ''  # why there is no bag, or not all of it
 
 
@@ -86,13 +83,12 @@ class Recording:
         self._fresh = {name: [] for name in self._ticks}  # messages of the servo tick that are not sorted yet
         self.outcomes = []
         self.running = True
-        self.takers = {name: partial(_take_rows, self._taker(topic), name) for name, topic in topics.items()}
-        self.takers |= {name: fresh.append for name, fresh in self._fresh.items()}
+        self.takers = {name: self._taker(name, topic) for name, topic in topics.items()}
 
-    def _taker(self, topic):
-        """Return what takes a topic and the rows of its messages."""
-        takers = {
-            By.TICK: None,
+    def _taker(self, name, topic):
+        if topic.by is By.TICK:
+            return self._fresh[name].append
+        takers: dict = {  # each takes the topic and the rows of its messages
             By.CYCLE: self._take_of_cycle,
             By.STAMP: partial(self._take_stamped, topic.stamp_at),
             By.TIME: self._take_timed,
@@ -100,7 +96,8 @@ class Recording:
             By.EVENT: self._take_events,
             By.ARRIVAL: self._take_arrival,
         }
-        return takers[topic.by]
+        take = takers[topic.by]
+        return lambda data: take(name, rows(data))
 
     @property
     def progress(self):
@@ -154,9 +151,9 @@ class Recording:
             if not fresh:
                 continue
             anything = True
-            messages = rows(b''.join(fresh), _TICK_BYTES)
+            messages = rows(b''.join(fresh), size=rows(fresh[0]).shape[1])
             fresh.clear()
-            ticks, numbers = field(messages, 4, '<i8'), field(messages, 12, '<u4')
+            ticks, numbers = numbers_at(messages, 4, '<i8'), numbers_at(messages, 12, '<u4')
             cuts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
             for begin, end in pairwise([0, *cuts, len(numbers)]):  # of every cycle
                 self._sort_block(Block(topic, messages[begin:end], ticks[begin:end]), int(numbers[begin]))
@@ -186,7 +183,7 @@ class Recording:
 
     def _take_of_cycle(self, topic, messages):
         self.sort()
-        for message, number in zip(messages, field(messages, 4, '<u4').tolist(), strict=True):
+        for message, number in zip(messages, numbers_at(messages, 4, '<u4').tolist(), strict=True):
             if number not in self._cycles and number in self._closed:
                 self._warn_of_late(topic, number)
                 continue
@@ -196,12 +193,12 @@ class Recording:
     def _take_stamped(self, stamp_at, topic, messages):
         if messages.shape[1] < stamp_at + 8:  # an array without elements
             return
-        seconds = field(messages, stamp_at, '<i4').astype(np.int64)
-        nanoseconds = seconds * 1_000_000_000 + field(messages, stamp_at + 4, '<u4')
+        seconds = numbers_at(messages, stamp_at, '<i4').astype(np.int64)
+        nanoseconds = seconds * 1_000_000_000 + numbers_at(messages, stamp_at + 4, '<u4')
         self._states.append(Block(topic, messages, nanoseconds // self._tick_ns))
 
     def _take_timed(self, topic, messages):
-        nanoseconds = np.rint(field(messages, 4, '<f8') * 1e9).astype(np.int64)
+        nanoseconds = np.rint(numbers_at(messages, 4, '<f8') * 1e9).astype(np.int64)
         self._states.append(Block(topic, messages, nanoseconds // self._tick_ns))
 
     def _place_states(self):
@@ -375,8 +372,3 @@ class Recording:
 
     def _warn_of_late(self, topic, number):
         self._warn(f'{topic}: a message of cycle {number} came after its bag was closed; not recorded')
-
-
-def _take_rows(take, topic, data):
-    """Call `take` for `topic` with the rows of `data`."""
-    take(topic, rows(data) if isinstance(data, bytes) else data)
