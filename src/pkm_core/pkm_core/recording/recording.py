@@ -209,9 +209,8 @@ class Recording:
             early = block.ticks > reached
             if early.any():
                 self._states.append(block.where(early))
-                block = block.where(~early)
-            if len(block.ticks):
-                self._place(block)
+            if not early.all():
+                self._place(block.where(~early))
 
     def _place(self, block):
         self._preroll.take(block)
