@@ -57,7 +57,8 @@ def recorded_cycle(name='four_dof', amplitude=10e-6, offset=0.0):
         envelope[end:] = np.exp(-(time[end:] - time[end]) / 5e-3)
     wave = amplitude * envelope * np.sin(2 * np.pi * 80.0 * time) + offset
     scale = 1.0 + np.arange(len(machine.joints))
-    return RecordedCycle(machine, poses, joints, np.outer(wave, scale), np.outer(wave * 1e5, scale))
+    measured = joints.position - np.outer(wave, scale)  # rounded; the error is what a reader will find
+    return RecordedCycle(machine, poses, joints, joints.position - measured, np.outer(wave * 1e5, scale))
 
 
 class Recording:
@@ -107,7 +108,8 @@ class Recording:
             counts = round(position / cycle.machine.encoder_resolution)
             same = {'tick': tick, 'cycle': self.number}
             self._put(f'/pkm/{joint}/encoder', index, **same, index=index, mode=0, counts=counts, position=position)
-            answer = {'voltage': cycle.voltage[index, i], 'error': cycle.error[index, i], 'feedforward': 0.0}
+            # what a controller says of its error counts for nothing
+            answer = {'voltage': cycle.voltage[index, i], 'error': np.nan, 'feedforward': 0.0}
             self._put(f'/pkm/{joint}/command', index, **same, **answer)
 
     def ticks(self, count=None):

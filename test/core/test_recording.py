@@ -35,7 +35,7 @@ class Cell:
 
     def __init__(self, folder, preroll=1.0):
         self.topics = {f'/pkm/{topic.name}': topic for topic in recorded_topics(JOINTS) if topic.name[0] != '/'}
-        self.warnings = []
+        self.warnings, self.offered = [], set(self.topics)
         facts = {'machine': 'four_dof', 'git_revision': '0123abc'}
         self.recording = Recording(
             folder,
@@ -44,6 +44,7 @@ class Cell:
             preroll,
             lambda motion, law: facts | {'asked': motion + law},
             self.warnings.append,
+            lambda topic: topic in self.offered,
         )
         self._types = typestore()
 
@@ -229,6 +230,19 @@ def test_block_of_late_messages_is_warned_of_one_by_one_and_costs_the_others_not
     assert len(late) == 3 * 2 * len(JOINTS)
     assert [(o.cycle, o.lost) for o in slow_cell.recording.outcomes] == [(1, {}), (2, {})]
     assert read_cycle(slow_cell.recording.outcomes[1].path).is_whole
+
+
+def test_cell_without_laser_and_with_a_controller_that_tells_no_metrics_loses_nothing(cell):
+    silent = {'/pkm/laser', '/pkm/d3/cycle_metrics'}
+    cell.offered -= silent
+    say = cell.say
+    cell.say = lambda topic, **fields: f'/pkm/{topic}' in silent or say(topic, **fields)
+    cell.play(1, 0)
+    outcome = cell.outcome()  # there is one already: nobody waits for stragglers
+    assert outcome.lost == {}
+    expected = json.loads(read_metadata(outcome.path)['custom_data']['expected'])
+    assert not silent & expected.keys()
+    assert expected['/pkm/d1/cycle_metrics'] == 1
 
 
 @pytest.mark.usefixtures('impatient')
@@ -418,6 +432,7 @@ def test_message_that_knows_no_tick_goes_into_the_cycle_that_runs(tmp_path):
         1.0,
         lambda *_: {},
         cell.warnings.append,
+        lambda topic: True,
     )
     take, types = cell.recording.takers['/diagnostics'], typestore()
     of_node = {}

@@ -59,6 +59,18 @@ def test_joint_without_metrics_has_a_nan_in_the_feedback_and_the_motion_goes_on(
     assert math.isnan(goals.feedback[0].max_dynamic_error[3])
 
 
+def test_nobody_waits_for_the_metrics_of_a_controller_that_tells_none(graph, goals, stand_in):
+    graph.start(TrajectoryGeneratorNode, metrics_timeout=1e6)
+    graph.node.destroy_publisher(stand_in._metrics['d7'])
+    goal = goals.send(motion=MOTION)
+    stand_in.start(1)
+    stand_in.finish(1, errors=(1e-6, 2e-6, 3e-6))
+    status, _ = goals.result(goal)
+    assert status == GoalStatus.STATUS_SUCCEEDED
+    graph.spin_until(lambda: goals.feedback, 'feedback')
+    assert math.isnan(goals.feedback[0].max_dynamic_error[3])
+
+
 def test_poses_are_visited_from_home_and_back(graph, goals, stand_in, machine):
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(poses=[NEAR_HOME], move_time=0.05)

@@ -31,7 +31,7 @@ class CycleRecord:
     reference: np.ndarray  # (N, n) [m]
     pose_reference: np.ndarray  # (N, m) [m, rad]
     voltage: np.ndarray  # (N, n) [V]
-    error: np.ndarray  # (N, n) [m] reference minus measured
+    error: np.ndarray  # (N, n) [m] reference minus measured, whatever the controller says of itself
     feedforward: np.ndarray  # (N, n) [V] learned part
     move_starts: np.ndarray  # (moves,) [samples]
     move_ends: np.ndarray
@@ -90,6 +90,7 @@ def read_cycle(path, namespace=None):
         return np.stack([column(taken[:length], field) for taken in per_joint], axis=1)
 
     index = column(samples[0][:length], 'index').astype(int)
+    position = stack(samples, 'position')
     laser = messages.get(f'{namespace}/laser', [])
     start = trajectory.sample_time * (ticks[0] - index[0]) if length else 0.0
     facts = info.get('custom_data') or {}  # none in a bag that somebody else's recorder made
@@ -104,11 +105,11 @@ def read_cycle(path, namespace=None):
         samples=len(reference),
         ticks=ticks,
         counts=stack(samples, 'counts'),
-        position=stack(samples, 'position'),
+        position=position,
         reference=reference[index],
         pose_reference=pose_reference[index],
         voltage=stack(commands, 'voltage'),
-        error=stack(commands, 'error'),
+        error=reference[index] - position,
         feedforward=stack(commands, 'feedforward'),
         move_starts=np.array(trajectory.move_starts, dtype=int),
         move_ends=np.array(trajectory.move_ends, dtype=int),

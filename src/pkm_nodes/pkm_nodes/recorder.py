@@ -60,7 +60,9 @@ class RecorderNode(PkmNode):
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(model.joints)}
         self._parameters_of_cell = GraphParameters(self)
         self._lock = FolderLock(folder)
-        self._recording = Recording(self._lock.path, topics, model, preroll, self._facts, self.get_logger().warn)
+        self._recording = Recording(
+            self._lock.path, topics, model, preroll, self._facts, self.get_logger().warn, self._is_offered
+        )
         self._queue = PatientGroup(self._serve)
         self._tick_subscriptions = []
         theirs = [s for node in neighbours for s in node.subscriptions if s.callback_group is node.hot_group and s.raw]
@@ -103,6 +105,9 @@ class RecorderNode(PkmNode):
             'config_hash': config_hash(self._machine, motion, law, self._control),
             'parameters': self._parameters_of_cell.as_json(),
         }
+
+    def _is_offered(self, topic):
+        return self.count_publishers(topic) > 0
 
     # how far it has come
 

@@ -231,6 +231,7 @@ class TrajectoryGeneratorNode(PkmNode):
         elif event.event == CycleEvent.FINISHED:
             self._deadline = self._seconds() + self._metrics_timeout
             self._end_cycle('')
+            self._end_metrics_if_complete()
         elif event.event in (CycleEvent.REFUSED, CycleEvent.FAULT):
             self._end_cycle(f'{event.source}: {event.message}')
 
@@ -243,7 +244,12 @@ class TrajectoryGeneratorNode(PkmNode):
         if metrics.cycle != self._cycle or self._all_metrics is None:
             return
         self._metrics[metrics.joint] = metrics.max_dynamic_error
-        if len(self._metrics) == len(self._machine.joints) and not self._all_metrics.done():
+        self._end_metrics_if_complete()
+
+    def _end_metrics_if_complete(self):
+        """Wait for no more metrics when all have come; a controller that is not ours need not tell any."""
+        told = [joint for joint in self._machine.joints if self.count_publishers(f'{joint}/cycle_metrics')]
+        if self._metrics.keys() >= set(told) and not self._all_metrics.done():
             self._all_metrics.set_result(None)
 
     async def _publish_feedback(self, goal_handle, cycle):

@@ -57,6 +57,8 @@ class Recording:
         ``facts(motion, law)`` gives what else the metadata of a bag say, a dict of str to str.
     warn : callable
         Takes a text about a message that cannot be recorded.
+    is_offered : callable
+        ``is_offered(topic)`` tells whether somebody publishes it.
 
     Attributes
     ----------
@@ -69,8 +71,9 @@ class Recording:
 
     """
 
-    def __init__(self, folder, topics, machine, preroll, facts, warn):
+    def __init__(self, folder, topics, machine, preroll, facts, warn, is_offered):
         self._folder, self._topics, self._facts, self._warn = folder, topics, facts, warn
+        self._is_offered = is_offered
         self._machine, self._tick_ns = machine, round(machine.sample_time * 1e9)
         self._preroll = PreRoll(max(1, round(preroll / machine.sample_time)), topics, self._tick_ns)
         self._types = typestore()
@@ -272,7 +275,10 @@ class Recording:
             finished = event.event == event.FINISHED
             cycle.end = 'finished' if finished else f'fault: {event.message}'
             cycle.end_tick = event.tick
-            cycle.expected = expected_messages(self._topics, self._machine, cycle, event, finished)
+            offered = {
+                n: t for n, t in self._topics.items() if not t.optional or cycle.counts[n] or self._is_offered(n)
+            }
+            cycle.expected = expected_messages(offered, self._machine, cycle, event, finished)
             cycle.ended = monotonic()
             self._place_states()
             self._advance(cycle)

@@ -28,6 +28,7 @@ class RecordedTopic(NamedTuple):
     kind: str  # message type
     by: By
     stamp_at: int = 4  # [bytes] where the stamp is in a serialized message, if it is sorted by that
+    optional: bool = False  # whether a cell may do without: others in the place of our nodes need not have it
 
 
 def recorded_topics(joints):
@@ -38,7 +39,7 @@ def recorded_topics(joints):
         for topic in (
             RecordedTopic(f'{joint}/encoder', 'pkm_interfaces/msg/EncoderSample', By.TICK),
             RecordedTopic(f'{joint}/command', 'pkm_interfaces/msg/MotorCommand', By.TICK),
-            RecordedTopic(f'{joint}/cycle_metrics', 'pkm_interfaces/msg/CycleMetrics', By.CYCLE),
+            RecordedTopic(f'{joint}/cycle_metrics', 'pkm_interfaces/msg/CycleMetrics', By.CYCLE, optional=True),
         )
     ]
     return [
@@ -51,7 +52,7 @@ def recorded_topics(joints):
         RecordedTopic('joint_states', 'sensor_msgs/msg/JointState', By.STAMP),
         # an array: the stamp of its first marker comes after the length
         RecordedTopic('markers', 'visualization_msgs/msg/MarkerArray', By.STAMP, stamp_at=8),
-        RecordedTopic('laser', 'pkm_interfaces/msg/LaserSample', By.TIME),
+        RecordedTopic('laser', 'pkm_interfaces/msg/LaserSample', By.TIME, optional=True),
         RecordedTopic('cycle_events', 'pkm_interfaces/msg/CycleEvent', By.EVENT),
         RecordedTopic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', By.ARRIVAL),
     ]
@@ -64,7 +65,7 @@ def expected_messages(topics, machine, cycle, event, finished):
     Parameters
     ----------
     topics : dict of str to RecordedTopic
-        By resolved name.
+        By resolved name; those that are offered.
     machine : Machine
         For the sample time of its laser.
     cycle : CycleRecording
