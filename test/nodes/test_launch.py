@@ -78,6 +78,21 @@ def test_processes_are_the_nodes_of_the_graph(launch):
         assert (node.namespace, node.remappings) == ('/pkm', [])
 
 
+def test_nodes_left_out_are_not_started(launch):
+    nodes = launch(machine='planar', arrangement='processes', without='joint_controller_d1, machine')
+    names = [node.name or node.executable for node in nodes]
+    assert 'joint_controller_d3' in names
+    assert not {'joint_controller_d1', 'machine'} & set(names)
+    (cell,) = launch(machine='planar', without='joint_controller_d1,machine')
+    assert cell.parameters[0]['without'] == 'joint_controller_d1,machine'
+    assert 'without' not in launch()[0].parameters[0]
+
+
+def test_node_that_no_cell_has_cannot_be_left_out(launch):
+    with pytest.raises(PkmError, match=r"without: no node of this cell is called \['d3'\]; known: \['machine', "):
+        launch(arrangement='processes', without='d3')
+
+
 def test_namespace_that_cannot_be_is_refused(launch):
     with pytest.raises(PkmError, match="namespace 'a b' given"):
         launch(namespace='a b')

@@ -19,7 +19,7 @@ def test_joint_that_answers_only_nan_is_named_with_what_it_sent(graph, controlle
     controllers.answer(0, joints=['d1', 'd3', 'd5'])
     controllers.answer(0, math.nan, joints=['d7'])
     message = graph.next_event(CycleEvent.FAULT).message
-    assert message.endswith('from joint_controller of d7 (answered with nan V; expected a finite voltage)')
+    assert message.endswith('from joint_controller of d7 (/pkm/test, answered with nan V; expected a finite voltage)')
 
 
 def test_missing_answers_stop_the_machine_safely_and_name_exactly_who_is_missing(graph, controllers):
@@ -33,7 +33,7 @@ def test_missing_answers_stop_the_machine_safely_and_name_exactly_who_is_missing
     fault = graph.next_event(CycleEvent.FAULT)
     assert (fault.source, fault.cycle, fault.samples) == ('machine', 1, 4)
     assert fault.message.startswith(f'tick 4 (cycle 1, sample 4): no answer for {IN_TIME:.1f} s from ')
-    assert fault.message.endswith('joint_controller of d3, joint_controller of d7')
+    assert fault.message.endswith('joint_controller of d3 (/pkm/test), joint_controller of d7 (/pkm/test)')
     assert fault.tick == 5 + BRAKE_TICKS
     controllers.wait_for(fault.tick - 1, EncoderSample.SAFE_STOP)
     for heard in controllers.samples.values():

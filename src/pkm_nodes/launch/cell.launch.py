@@ -9,7 +9,16 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from pkm_nodes.graph import ENVIRONMENTS, NodeSpec, cell_nodes, clock_of, namespace_of, whole_number
+from pkm_nodes.graph import (
+    ENVIRONMENTS,
+    WITHOUT,
+    cell_nodes,
+    clock_of,
+    composed_cell,
+    names_in,
+    namespace_of,
+    whole_number,
+)
 
 ARGUMENTS = [
     DeclareLaunchArgument(
@@ -28,6 +37,7 @@ ARGUMENTS = [
     DeclareLaunchArgument('seed', default_value='1', description='seed of everything random in the machine'),
     DeclareLaunchArgument('environment', default_value='nominal', description=ENVIRONMENTS),
     DeclareLaunchArgument('folder', default_value='bags', description='folder that takes one bag a cycle'),
+    DeclareLaunchArgument('without', default_value='', description=WITHOUT),
 ]
 
 
@@ -39,12 +49,11 @@ def _nodes(context):
         'seed': whole_number('seed', value['seed']),
         'environment': value['environment'],
         'folder': value['folder'],
+        'without': names_in(value['without']),
     }
     namespace = namespace_of(value['namespace'])
-    if value['arrangement'] == 'composed':
-        specs = [NodeSpec('cell', 'cell', settings)]
-    else:
-        specs = cell_nodes(settings.pop('machine'), **settings)
+    composed = value['arrangement'] == 'composed'
+    specs = [composed_cell(**settings)] if composed else cell_nodes(**settings)
     return [
         Node(
             package='pkm_nodes',

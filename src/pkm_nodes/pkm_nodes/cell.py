@@ -5,7 +5,7 @@ import sys
 from rclpy.parameter import Parameter
 
 from pkm_nodes.computed_torque_controller import ComputedTorqueControllerNode
-from pkm_nodes.graph import ENVIRONMENTS, cell_nodes
+from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, names_in
 from pkm_nodes.identification import IdentificationNode
 from pkm_nodes.inverse_kinematics import InverseKinematicsNode
 from pkm_nodes.joint_controller import JointControllerNode
@@ -41,6 +41,7 @@ class CellNode(PkmNode):
             environment=self.setting('environment', 'nominal', ENVIRONMENTS),
             folder=self.setting('folder', 'bags', "folder of the recorder's bags"),
             record=self.setting('record', True, 'run a recorder, and let the machine wait for it'),
+            without=names_in(self.setting('without', '', WITHOUT)),
         )
         self.check_settings()
 

@@ -9,6 +9,7 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import UInt64
 
 from pkm_core.errors import PkmError
 from pkm_interfaces.action import ExecuteMotion
@@ -16,11 +17,14 @@ from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import SaveLearned
 from pkm_nodes.events import subscribe_events
 from pkm_nodes.graph import NAMESPACE
-from pkm_nodes.node import PkmNode
+from pkm_nodes.node import TICK_QOS, PkmNode
 from pkm_nodes.presence import Presence
+from pkm_nodes.substitutes import Substitutes
 
 # [s, wall] starting ten processes on a busy two-core machine took 20 s; the rest is reserve
 _UP_TIMEOUT = 90.0
+# [s, wall] until somebody who takes the place of a node is said to be missing
+_PATIENCE = 5.0
 # [s, wall] from the death of a process to the end of the goal: a machine is given up after 20 s, the rest is reserve
 _DEATH_TIMEOUT = 40.0
 # [s, wall] from the last tick to the closed bag
@@ -84,12 +88,18 @@ class CellClient:
 
     def _spin_until(self, condition, check, timeout, what):
         """Serve ROS until `condition()`; `check()` may raise at any time."""
+        if not self._comes_true(condition, check, timeout):
+            raise PkmError(f'{what} within {timeout:.0f} s')
+
+    def _comes_true(self, condition, check, timeout):
+        """Serve ROS until `condition()`, for so long [s]; tell whether it has come true."""
         deadline = monotonic() + timeout
         while not condition():
             self._executor.spin_once(timeout_sec=0.1)
             check()
             if monotonic() > deadline:
-                raise PkmError(f'{what} within {timeout:.0f} s')
+                return False
+        return True
 
     def wait_until_up(self, check):
         """Wait for the cell's action server; refuse to share a graph with another cell."""
@@ -100,6 +110,36 @@ class CellClient:
             raise PkmError(
                 f'{machines} machines run in {namespace}; stop the other cell, or give this one another namespace'
             )
+
+    def wait_for_others(self, cell, tell):
+        """
+        Wait for whoever takes the place of the nodes that `cell`, a `CellProcesses`, leaves out.
+
+        After a moment `tell(text)` says once who is missing. A machine that is not ours need not wait for the recorder:
+        then this does.
+
+        Raises
+        ------
+        PkmError
+            If somebody is missing still, or a process of the cell has ended.
+
+        """
+        substitutes = Substitutes(self._node, cell)
+
+        def complete():
+            return not substitutes.missing()
+
+        if not self._comes_true(complete, cell.check, _PATIENCE):
+            tell(substitutes.describe_missing())
+            if not self._comes_true(complete, cell.check, _UP_TIMEOUT):
+                raise PkmError(f'{substitutes.describe_missing()}\nnobody came within {_UP_TIMEOUT:.0f} s')
+        running = [spec.name for spec in cell.nodes]
+        if 'recorder' in running and 'machine' not in running:
+            words = []
+            subscription = self._node.create_subscription(UInt64, 'recorder/tick', words.append, TICK_QOS)
+            late = 'the recorder did not find every encoder and command'
+            self._spin_until(lambda: words, cell.check, _UP_TIMEOUT, late)
+            self._node.destroy_subscription(subscription)
 
     def execute(self, motion, cycles, law, check, on_feedback, *, learned='', record=True):
         """

@@ -12,6 +12,7 @@ from pkm_core.machines import load_machine
 NAMESPACE = '/pkm'
 # what the parameter and the options of this name say of themselves
 ENVIRONMENTS = 'how rough the world is: ideal, nominal, hard, elastic (four_dof) or another section of config/truth'
+WITHOUT = 'names of nodes to leave out, with commas between them; others take their place'
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class NodeSpec:
     executable: str
     name: str
     parameters: dict = field(default_factory=dict)
+    offers: tuple[str, ...] = ()  # topics and services without which no motion runs
 
     def arguments(self, common, namespace=NAMESPACE):
         """Return the command line that starts this node in `namespace` with its and the `common` parameters."""
@@ -59,21 +61,40 @@ def controller_nodes(machine, control):
     """Return the `NodeSpec`s of what answers the encoders of `machine` (name or file) under a choice of `control`."""
     parameters, model = {'machine': str(machine), 'control': str(control)}, load_machine(machine)
     if find_control(model, control)[0] == 'computed_torque':
-        return [NodeSpec('computed_torque_controller', 'computed_torque_controller', parameters)]
+        commands = tuple(f'{joint}/command' for joint in model.joints)
+        return [NodeSpec('computed_torque_controller', 'computed_torque_controller', parameters, commands)]
     return [
-        NodeSpec('joint_controller', f'joint_controller_{joint}', {**parameters, 'joint': joint})
+        NodeSpec('joint_controller', f'joint_controller_{joint}', {**parameters, 'joint': joint}, (f'{joint}/command',))
         for joint in model.joints
     ]
 
 
-def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', folder='', record=True):
+def names_in(text):
+    """Return the names in `text`, which has commas between them."""
+    return [name.strip() for name in text.split(',') if name.strip()]
+
+
+def leave_out(nodes, names):
+    """Return `nodes` without those of these `names`; `PkmError` if there is no such node."""
+    known = [spec.name for spec in nodes]
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise PkmError(
+            f'without: no node of this cell is called {unknown}; known: {known}, '
+            'linear motors and laser come and go with machine'
+        )
+    return [spec for spec in nodes if spec.name not in names]
+
+
+def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', folder='', record=True, without=()):
     """
     Return the `NodeSpec`s of a whole cell around `machine` (name or file).
 
     `control` chooses the controllers, see `find_control`; `seed` and `environment` go to the simulated machine,
     `folder` takes the recorder's bags, and a folder `identified` beside it models and pictures; without `record` there
-    is no recorder and the machine does not wait for one.
+    is no recorder and the machine does not wait for one. The nodes named in `without` are left out.
     """
+    joints = load_machine(machine).joints
     on_machine = {'machine': str(machine)}
     on_control = {**on_machine, 'control': str(control)}
     nodes = [
@@ -81,14 +102,21 @@ def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', fold
             'machine',
             'machine',
             {**on_machine, 'seed': seed, 'environment': environment, 'wait_for_recorder': record},
+            tuple(f'{joint}/encoder' for joint in joints),
         ),
-        NodeSpec('trajectory_generator', 'trajectory_generator', on_control),
-        NodeSpec('inverse_kinematics', 'inverse_kinematics', on_machine),
+        NodeSpec('trajectory_generator', 'trajectory_generator', on_control, ('pose_trajectory',)),
+        NodeSpec('inverse_kinematics', 'inverse_kinematics', on_machine, ('joint_trajectory',)),
         *controller_nodes(machine, control),
-        NodeSpec('state_estimator', 'state_estimator', on_machine),
-        NodeSpec('learning', 'learning', on_control),
+        NodeSpec('state_estimator', 'state_estimator', on_machine, ('pose', 'joint_states')),
+        NodeSpec('learning', 'learning', on_control, ('learning/update',)),
         NodeSpec('identification', 'identification', {**on_control, 'folder': str(Path(folder).parent / 'identified')}),
     ]
     if record:
-        nodes.append(NodeSpec('recorder', 'recorder', {**on_control, 'folder': str(folder)}))
-    return nodes
+        nodes.append(NodeSpec('recorder', 'recorder', {**on_control, 'folder': str(folder)}, ('recorder/tick',)))
+    return leave_out(nodes, without)
+
+
+def composed_cell(machine, *, without=(), **options):
+    """Return the `NodeSpec` of the same cell in one process."""
+    left_out = {'without': ','.join(without)} if without else {}  # ROS takes no empty value on a command line
+    return NodeSpec('cell', 'cell', {'machine': str(machine), **options, **left_out})

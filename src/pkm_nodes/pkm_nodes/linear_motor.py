@@ -13,11 +13,16 @@ class LinearMotorNode(PkmNode):
     def __init__(self, joint, index, on_command, **kwargs):
         super().__init__(f'linear_motor_{joint}', **kwargs)
         self._publisher, self._send = self.tick_publisher(EncoderSample, f'{joint}/encoder')
-        self.on_tick_topic(MotorCommand, f'{joint}/command', partial(on_command, index), raw=True)
+        self._command = self.on_tick_topic(MotorCommand, f'{joint}/command', partial(on_command, index), raw=True)
 
     def is_heard(self):
         """Tell whether every reader of the encoder that the graph knows of is connected, and there is one."""
         return self._publisher.get_subscription_count() >= max(1, self.count_subscribers(self._publisher.topic_name))
+
+    def answering_nodes(self):
+        """Return the full names of the nodes that can send commands."""
+        found = self.get_publishers_info_by_topic(self._command.topic_name)
+        return sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found)
 
     def publish(self, tick, cycle, index, mode, counts, position):
         """Send one encoder sample."""

@@ -202,11 +202,7 @@ class MachineNode(PkmNode):
                     f'for {waited:.1f} s; it may lag by {self._window} ticks'
                 )
             elif self._missing:
-                missing = ', '.join(
-                    f'joint_controller of {self._joints[i]}'
-                    + (f' ({self._complaints[i]})' if i in self._complaints else '')
-                    for i in sorted(self._missing)
-                )
+                missing = ', '.join(map(self._describe_missing, sorted(self._missing)))
                 self._stop_safely(f'{where}: no answer for {waited:.1f} s from {missing}')
         elif self._loaded and monotonic() - self._loaded_since > self._start_timeout:
             cycle = next(iter(self._loaded.values()))[0]
@@ -219,6 +215,13 @@ class MachineNode(PkmNode):
             if late:
                 reason = f'not loaded within {self._start_timeout} s by joint_controller of {late}'
             self._events.publish(CycleEvent.REFUSED, cycle, tick=self._tick, message=f'cycle {cycle}: {reason}')
+
+    def _describe_missing(self, joint):
+        """Return in words whose answer is missing: the node by its name where it is not ours."""
+        name, nodes = self._joints[joint], self._motors[joint].answering_nodes()
+        others = [node for node in nodes if not node.endswith(f'/joint_controller_{name}')]
+        remarks = [*others, *filter(None, [self._complaints.get(joint)])]
+        return f'joint_controller of {name}' + (f' ({", ".join(remarks)})' if remarks else '')
 
     def _stop_safely(self, reason):
         """Brake without the controllers, keep publishing what the encoders see, and wait for a reset."""

@@ -9,7 +9,7 @@ from time import monotonic, sleep
 
 from pkm_core.config import install_prefixes
 from pkm_core.errors import PkmError
-from pkm_nodes.graph import NAMESPACE, NodeSpec, cell_nodes
+from pkm_nodes.graph import NAMESPACE, cell_nodes, composed_cell, leave_out
 
 # [s, wall] from the polite signal to the other one
 _PATIENCE = 10.0
@@ -50,6 +50,13 @@ class CellProcesses:
         Gets the bags in ``bags/`` and what the processes print in ``log/``.
     record : bool
         Whether there is a recorder.
+    without : sequence of str
+        Names of nodes to leave out.
+
+    Attributes
+    ----------
+    nodes, left_out : list of NodeSpec
+        Which nodes run here, and which do not.
 
     """
 
@@ -64,15 +71,16 @@ class CellProcesses:
         environment,
         folder,
         record=True,
+        without=(),
     ):
         bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
         self._namespace = namespace
         self._logs.mkdir(parents=True, exist_ok=True)
         options = {'control': control, 'seed': seed, 'environment': environment, 'folder': str(bags), 'record': record}
-        if arrangement == 'composed':
-            specs = [NodeSpec('cell', 'cell', {'machine': machine, **options})]
-        else:
-            specs = cell_nodes(machine, **options)
+        everyone = cell_nodes(machine, **options)
+        self.nodes = leave_out(everyone, without)
+        self.left_out = [spec for spec in everyone if spec not in self.nodes]
+        specs = [composed_cell(machine, **options, without=without)] if arrangement == 'composed' else self.nodes
         self._specs = {spec.name: spec for spec in specs}
         self.processes = {}
 
@@ -85,12 +93,16 @@ class CellProcesses:
         """Return the words that start an executable of pkm_nodes."""
         return [str(_executables() / executable)]
 
+    def arguments(self, spec):
+        """Return the words behind them that make it the node `spec` of this cell."""
+        return spec.arguments({'use_sim_time': True}, self._namespace)
+
     def start(self, name):
         """Start the process `name`, for the first time or again."""
         spec = self._specs[name]
         with (self._logs / f'{name}.log').open('a') as log:
             self.processes[name] = subprocess.Popen(
-                [*self.command(spec.executable), *spec.arguments({'use_sim_time': True}, self._namespace)],
+                [*self.command(spec.executable), *self.arguments(spec)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

@@ -4,6 +4,7 @@ import json
 import os
 from datetime import datetime
 from enum import StrEnum
+from math import isnan, nan
 from pathlib import Path
 from typing import Annotated
 
@@ -23,7 +24,7 @@ from pkm_core.records import read_cycle
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.trajectory import to_joints
-from pkm_nodes.graph import ENVIRONMENTS, NAMESPACE, namespace_of
+from pkm_nodes.graph import ENVIRONMENTS, NAMESPACE, cell_nodes, namespace_of
 
 _LAW = 'fourier_pid'
 
@@ -62,6 +63,10 @@ def run(
         str, typer.Option(help='Where the cell lives in the graph; cells in different namespaces do not meet.')
     ] = NAMESPACE,
     arrangement: Annotated[Arrangement, typer.Option(help='One process, or one a node.')] = Arrangement.composed,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(metavar='NODE', help='Leave out this node, others take its place; may be given several times.'),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help='Folder for results; a new one in runs/ by default.')] = None,
     json_file: Annotated[Path | None, typer.Option('--json', help='Also write the results to this file.')] = None,
 ):
@@ -71,6 +76,8 @@ def run(
     Writes one MCAP bag a cycle, results.json and learning.png into --out, and prints first against last cycle.
 
     Example: `pkm run --cycles 12 --law fourier_pid --arrangement processes`
+
+    Example: `pkm run --without joint_controller_d3`
     """
     console = Console()
     namespace = namespace_of(namespace)
@@ -89,7 +96,8 @@ def run(
     if learned:
         first_feedforward(learned, model, Path(motion).stem, law, gains, joints)
     goal = {'motion': motion, 'cycles': cycles, 'law': law, 'learned': learned.resolve() if learned else ''}
-    cell = {'control': control, 'seed': seed, 'environment': environment}
+    cell = {'control': control, 'seed': seed, 'environment': environment, 'without': without or []}
+    cell_nodes(machine, control=control, without=cell['without'])  # refuses what is unknown before anything starts
     out = writable_folder(out or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{model.name}')
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} holds the results of another run; name an empty folder')
@@ -138,12 +146,15 @@ def _drive(console, machine, arrangement, namespace, cell_options, goal, out, sa
         CellClient(namespace) as client,
     ):
         task = progress.add_task('starting the cell', total=goal['cycles'])
+        if cell.left_out:
+            progress.update(task, description='waiting for others in the place of nodes left out')
+            client.wait_for_others(cell, lambda text: progress.console.print(text, soft_wrap=True, markup=False))
         client.wait_until_up(cell.check)
         what = f'{Path(goal["motion"]).stem}, law {goal["law"]}'
         progress.update(task, description=what)
 
         def on_feedback(feedback):
-            worst = max(feedback.max_dynamic_error) * 1e6
+            worst = max((e for e in feedback.max_dynamic_error if not isnan(e)), default=nan) * 1e6
             progress.update(
                 task,
                 completed=feedback.cycle,

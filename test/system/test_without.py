@@ -1,0 +1,77 @@
+"""A cell that leaves nodes out: it says in time who is missing, and others take their place."""
+
+import sys
+from pathlib import Path
+from time import monotonic, sleep
+
+import numpy as np
+import pytest
+
+from pkm_core.control.robust import load_control
+from pkm_core.errors import PkmError
+from pkm_core.learning import make_law
+from pkm_core.machines import load_machine
+from pkm_core.motions import load_motion, plan
+from pkm_core.records import read_cycle
+from pkm_core.simulation import run_cycles
+from pkm_core.trajectory import to_joints
+from pkm_nodes import client as module
+from pkm_nodes.client import CellClient
+from pkm_nodes.processes import CellProcesses
+
+DOMAIN = 211
+PKM = Path(sys.prefix) / 'bin' / 'pkm'
+ROS2 = Path(__file__).parents[2] / 'bringup_scripts' / 'ros2'
+LEFT_OUT = ('machine', 'joint_controller_d3', 'inverse_kinematics', 'learning')
+
+
+@pytest.mark.parametrize('arrangement', ['composed', pytest.param('processes', marks=pytest.mark.slow)])
+def test_nodes_started_by_the_commands_it_prints_complete_the_cell_to_the_same_bits(processes, tmp_path, arrangement):
+    words = [word for name in LEFT_OUT for word in ('--without', name)]
+    options = ('--cycles', 2, '--law', 'fourier', '--seed', 5, '--arrangement', arrangement)
+    run = processes.start(PKM, 'run', *options, *words, '--out', tmp_path / 'out', log='run')
+    said, deadline = processes.folder / 'run', monotonic() + 60.0
+    while said.read_text().count('start yours, or ours: ') < len(LEFT_OUT):
+        assert run.poll() is None, said.read_text()
+        assert monotonic() < deadline, said.read_text()
+        sleep(0.1)
+    assert 'nobody offers /pkm/d3/command in the place of joint_controller_d3' in said.read_text()
+    for number, line in enumerate(line for line in said.read_text().splitlines() if 'start yours' in line):
+        command = line.partition('or ours: ros2 ')[2]
+        processes.start('bash', '-c', f'exec {ROS2} {command}', log=f'other_{number}')
+    assert run.wait(timeout=200) == 0, said.read_text()
+    assert ' 0 lost' in said.read_text()
+
+    machine = load_machine('four_dof')
+    trajectory = to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
+    control = load_control(machine)
+    expected = run_cycles(machine, trajectory, control, make_law('fourier', machine, control), cycles=2, seed=5)
+    for number, path in enumerate(sorted((tmp_path / 'out' / 'bags').iterdir())):
+        assert np.array_equal(read_cycle(path).counts, expected.counts[number])
+
+
+def test_cell_in_which_nobody_takes_the_place_is_refused_with_who_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setattr(module, '_PATIENCE', 0.1)
+    monkeypatch.setattr(module, '_UP_TIMEOUT', 0.1)
+    options = {'seed': 1, 'environment': 'nominal', 'folder': tmp_path, 'without': ['joint_controller_d7']}
+    said = []
+    with (
+        CellProcesses('four_dof', 'composed', **options) as cell,
+        CellClient() as client,
+        pytest.raises(PkmError, match=r'nobody offers /pkm/d7/command .*\nnobody came within 0 s'),
+    ):
+        client.wait_for_others(cell, said.append)
+    assert said[0].endswith('-p machine:=four_dof -p control:=robust -p joint:=d7')
+
+
+def test_node_that_no_cell_has_is_refused_with_those_it_has(processes):
+    done = processes.run(PKM, 'run', '--without', 'linear_motor_d3')
+    assert done.returncode == 1
+    assert "without: no node of this cell is called ['linear_motor_d3']; known: ['machine', " in done.stderr
+    assert 'linear motors and laser come and go with machine' in done.stderr
+    assert 'Traceback' not in done.stderr
+    done = processes.run(ROS2, 'run', 'pkm_nodes', 'cell', '--ros-args', '-p', 'without:=nobody,machine')
+    assert done.returncode == 1
+    assert "without: no node of this cell is called ['nobody']" in done.stderr
