@@ -116,7 +116,7 @@ class CellClient:
         Wait for whoever takes the place of the nodes that `cell`, a `CellProcesses`, leaves out.
 
         After a moment `tell(text)` says once who is missing. A machine that is not ours need not wait for the recorder:
-        then this does.
+        then this does. Return what to call from then on in the place of `cell.check`: it notices when one of them goes.
 
         Raises
         ------
@@ -140,6 +140,7 @@ class CellClient:
             late = 'the recorder did not find every encoder and command'
             self._spin_until(lambda: words, cell.check, _UP_TIMEOUT, late)
             self._node.destroy_subscription(subscription)
+        return substitutes.check
 
     def execute(self, motion, cycles, law, check, on_feedback, *, learned='', record=True):
         """

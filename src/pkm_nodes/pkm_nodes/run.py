@@ -113,6 +113,7 @@ def run(
         'law': law,
         'learned': str(learned) if learned else None,
         **cell,
+        'without': ', '.join(cell['without']),  # a text, as reports show it
         'arrangement': arrangement.value,
         'config_hash': config_hash(machine, motion, law, control),
         'sample_time_s': model.sample_time,
@@ -146,10 +147,13 @@ def _drive(console, machine, arrangement, namespace, cell_options, goal, out, sa
         CellClient(namespace) as client,
     ):
         task = progress.add_task('starting the cell', total=goal['cycles'])
+        check = cell.check
         if cell.left_out:
             progress.update(task, description='waiting for others in the place of nodes left out')
-            client.wait_for_others(cell, lambda text: progress.console.print(text, soft_wrap=True, markup=False))
-        client.wait_until_up(cell.check)
+            check = client.wait_for_others(
+                cell, lambda text: progress.console.print(text, soft_wrap=True, markup=False)
+            )
+        client.wait_until_up(check)
         what = f'{Path(goal["motion"]).stem}, law {goal["law"]}'
         progress.update(task, description=what)
 
@@ -161,9 +165,9 @@ def _drive(console, machine, arrangement, namespace, cell_options, goal, out, sa
                 description=f'{what}: worst axis {worst:5.1f} um',
             )
 
-        log = client.execute(**goal, check=cell.check, on_feedback=on_feedback)
+        log = client.execute(**goal, check=check, on_feedback=on_feedback)
         if save_learned:
-            client.save_learned(save_learned.resolve(), cell.check)
+            client.save_learned(save_learned.resolve(), check)
         return log
 
 

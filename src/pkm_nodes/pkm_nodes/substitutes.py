@@ -2,6 +2,8 @@
 
 import shlex
 
+from pkm_core.errors import PkmError
+
 
 class Substitutes:
     """
@@ -18,6 +20,12 @@ class Substitutes:
         """Return [(NodeSpec, the names nobody else offers)] of the nodes in whose place there is nobody."""
         names = [(spec, [n for n in spec.offers if not self._is_offered(n)]) for spec in self._cell.left_out]
         return [(spec, missing) for spec, missing in names if missing]
+
+    def check(self):
+        """Raise `PkmError` if a process of the cell has ended, or whoever took a place has gone."""
+        self._cell.check()
+        if gone := self.describe_missing():
+            raise PkmError(f'somebody has gone: {gone}')
 
     def _is_offered(self, name):
         """Tell whether a node that is none of ours publishes the topic `name`, or whether there is such a service."""

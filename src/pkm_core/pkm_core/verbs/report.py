@@ -32,6 +32,7 @@ def report(
         runs, figures = write_report([folder, compare] if compare else [folder], out, status.update)
     write_json(json_file, figures)
     for run in runs:
+        console.print(f'{run.name}:', markup=False)
         console.print(cycles_table(run.machine.name, run.records))
         for remark in run.remarks:
             console.print(f'not used: {remark}', soft_wrap=True, markup=False)
