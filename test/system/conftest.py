@@ -50,6 +50,11 @@ class Processes:
         self._started.append(process)
         return process
 
+    def stop(self, process):
+        """Interrupt one of them and wait until it has ended."""
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=15.0)
+
     def end(self):
         """Interrupt what still runs, then kill what does not listen."""
         for process in self._started:
