@@ -110,12 +110,17 @@ def bag_of(graph, cycle):
 
 def counts_by_rosbags(bag):
     with AnyReader([bag], default_typestore=typestore()) as reader:
-        return Counter(connection.topic for connection, _, _ in reader.messages())
+        return counted(connection.topic for connection, _, _ in reader.messages())
 
 
 def counts_by_mcap(bag):
     with next(bag.glob('*.mcap')).open('rb') as stream:
-        return Counter(channel.topic for _, channel, _ in make_reader(stream).iter_messages())
+        return counted(channel.topic for _, channel, _ in make_reader(stream).iter_messages())
+
+
+def counted(topics):
+    """Return how often each topic is there, but for the recorder's own word of every second of wall time."""
+    return Counter(topic for topic in topics if topic != '/diagnostics')
 
 
 def expected_counts(*, encoder=SAMPLES, command=SAMPLES, metrics=1, states=2, laser=25, events=6):
