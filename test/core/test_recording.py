@@ -2,6 +2,7 @@
 
 import json
 import resource
+import shutil
 import struct
 from contextlib import contextmanager
 from hashlib import sha256
@@ -10,6 +11,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
+from pkm_core.bag_repair import repair
 from pkm_core.bags import column, raw_messages, read_metadata, read_topics
 from pkm_core.errors import BagError
 from pkm_core.laser_clock import sample_numbers
@@ -361,6 +363,20 @@ def test_write_that_fails_costs_its_cycle_alone_and_is_told_once(cell):
     assert cell.recording.outcomes == []
     cell.play(2, 600)
     assert read_cycle(cell.outcome().path).is_whole
+
+
+def test_recorder_that_is_killed_leaves_the_same_ticks_of_every_topic(cell, tmp_path):
+    """What waited was written topic by topic, three chunks long."""
+    cell.load(1)
+    cell.run(1, 0, end=300)
+    [left] = tmp_path.glob('*/*.mcap')
+    copy = tmp_path / 'copy' / left.parent.name
+    copy.mkdir(parents=True)
+    shutil.copy(left, copy)
+    messages = read_topics(repair(copy).path)
+    for joint in JOINTS:
+        for kind in ('encoder', 'command'):
+            assert column(messages[f'/pkm/{joint}/{kind}'], 'tick').tolist() == list(range(300))
 
 
 def test_bag_that_cannot_be_finished_is_told(cell):

@@ -1,8 +1,8 @@
 """
 Writes a bag: a rosbag2 folder of one MCAP file, or of several if it is split, and a metadata.yaml.
 
-Chunks of 64 KiB go to the operating system one by one, so a recorder that is killed, or whose disk is full, loses at
-most the one it was filling; `pkm bag-doctor` makes a whole bag of the rest.
+Chunks of 64 KiB at most go to the operating system one by one, so a recorder that is killed, or whose disk is full,
+loses at most the one it was filling; `pkm bag-doctor` makes a whole bag of the rest.
 """
 
 import sys
@@ -78,11 +78,12 @@ class BagWriter:
         self._writer.add_metadata('pkm', self._metadata)
         self._before = self.counts.copy()
         self._flush()
+        self._cut = False
 
     def _flush(self):
         """End the chunk and hand it to the operating system, which keeps it whatever happens to this process."""
         self._writer.flush()
-        self._unsaved = 0
+        self._unsaved, self._cut = 0, True
 
     def write(self, topic, data, time):
         """Add the serialized message `data` at simulated `time` [ns]."""
@@ -100,6 +101,12 @@ class BagWriter:
             if self._unsaved >= CHUNK_BYTES:
                 self._flush()
             messages, times = messages[fitting:], times[fitting:]
+
+    def keep_together(self):
+        """Hand over all that was written since the last call if a part of it has been: topics end at the same tick."""
+        if self._cut and self._unsaved:
+            self._flush()
+        self._cut = False
 
     def split(self):
         """Finish the file and go on in a new one of the same bag."""

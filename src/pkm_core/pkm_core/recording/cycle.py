@@ -103,6 +103,7 @@ class CycleRecording:
         for block in self._waiting:
             self._write(block)
         self._waiting.clear()
+        self.bag.keep_together()
 
     def fail(self, reason):
         """Let go of the bag after a failure; what is on the disk stays there for `pkm bag-doctor`."""

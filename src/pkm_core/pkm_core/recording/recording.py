@@ -163,7 +163,16 @@ class Recording:
         if anything or self._states:
             self._place_states()
             for cycle in list(self._cycles.values()):
+                self._keep_together(cycle)
                 self._advance(cycle)
+
+    def _keep_together(self, cycle):
+        """See to it that a recorder that is killed now leaves the same ticks of every topic."""
+        if cycle.bag is not None:
+            try:
+                cycle.bag.keep_together()
+            except OSError as error:
+                self._fail(cycle, error)
 
     def _sort_block(self, block, number):
         """Take a block of the servo tick that is all of cycle `number`."""
