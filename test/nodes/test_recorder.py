@@ -7,6 +7,7 @@ from functools import partial
 from itertools import pairwise
 from math import nan
 from pathlib import Path
+from time import monotonic
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -32,6 +33,7 @@ from pkm_nodes.conversions import time_of_tick, trajectory_to_msg
 from pkm_nodes.learning import LearningNode
 from pkm_nodes.node import PkmNode
 from pkm_nodes.recorder import RecorderNode
+from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
 
 JOINTS = ('d1', 'd3', 'd5', 'd7')
 SAMPLES = 40  # of the short motion
@@ -53,6 +55,9 @@ class Cell:
         self._laser = graph.publisher(LaserSample, 'laser')
         self._pose = graph.publisher(PoseStamped, 'pose')
         self._joint_states = graph.publisher(JointState, 'joint_states')
+
+    def stop_leading(self, graph):
+        graph.node.destroy_publisher(self._joint_trajectory)
 
     def tell(self, event, cycle, **fields):
         self._events.publish(CycleEvent(event=event, cycle=cycle, **fields))
@@ -316,6 +321,7 @@ def test_trajectory_that_is_sent_again_is_recorded_once(graph, cell, tmp_path):
 def test_recorder_reports_first_when_every_joint_is_connected(graph, tmp_path):
     progress = graph.listen(UInt64, 'recorder/tick')
     graph.start(RecorderNode, folder=str(tmp_path))
+    graph.publisher(SampledTrajectory, 'joint_trajectory')
     for joint in JOINTS:
         graph.publisher(EncoderSample, f'{joint}/encoder')
     for joint in JOINTS[:3]:
@@ -411,6 +417,19 @@ def test_bag_says_who_ran_with_which_parameters(graph, cell, tmp_path):
     assert parameters['recorder']['folder'] == str(tmp_path / 'bags')
     assert data['git_revision'] == git_revision()
     assert data['config_hash'] == config_hash('four_dof', '', 'none'), 'nobody knows a file of the motion "short"'
+
+
+def test_recorder_is_ready_only_when_somebody_leads_the_joints(graph, cell, tmp_path):
+    """Trajectories of identification come from the trajectory_generator, of a motion from another node."""
+    cell.stop_leading(graph)
+    graph.start(TrajectoryGeneratorNode)
+    graph.start(RecorderNode, folder=str(tmp_path))
+    progress = graph.listen(UInt64, 'recorder/tick')
+    looked_until = monotonic() + 1.5
+    graph.spin_until(lambda: monotonic() > looked_until, 'some looks of the recorder at the graph')
+    assert progress == []
+    graph.publisher(SampledTrajectory, 'joint_trajectory')
+    graph.spin_until(lambda: progress, 'the first word of the recorder')
 
 
 class Tunable(PkmNode):

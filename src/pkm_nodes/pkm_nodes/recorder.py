@@ -2,8 +2,9 @@
 Node `recorder`: one MCAP bag per motion cycle, every sample accounted for; `pkm_core.recording` does the work.
 
 Messages are taken raw, as the serialized bytes DDS delivers. On recorder/tick it reports how far it has come, first
-when it is connected to every joint and knows the parameters of the cell: a machine told to wait for it neither starts
-too early nor runs out of its queue. What has become of a cycle is told with a RECORDED or NOT_RECORDED event.
+when it is connected to every joint and to who leads them, and knows the parameters of the cell: a machine told to wait
+for it neither starts too early nor runs out of its queue. What has become of a cycle is told with a RECORDED or
+NOT_RECORDED event.
 """
 
 import sys
@@ -120,14 +121,19 @@ class RecorderNode(PkmNode):
             self._tell(self._recording.outcomes.pop(0))
 
     def _announce(self):
-        """Report once at rest that every joint's topics are connected, and again when one of them has come back."""
+        """Report once at rest that all topics of a cycle are connected, and again when one of them has come back."""
         self._parameters_of_cell.look_around()
         before = self._connected
         self._connected = sum(s.get_publisher_count() > 0 for s in self._tick_subscriptions)
-        connected = before == self._connected == len(self._tick_subscriptions)
+        connected = before == self._connected == len(self._tick_subscriptions) and self._is_led()
         if connected and self._parameters_of_cell.is_complete():
             self._report_progress()
             self._announcer.timer_period_ns = 1_000_000_000
+
+    def _is_led(self):
+        """Tell whether somebody offers joint trajectories; the trajectory_generator does so for identification only."""
+        publishers = self.get_publishers_info_by_topic('joint_trajectory')
+        return any(info.node_name != 'trajectory_generator' and info.node_name[0] != '_' for info in publishers)
 
     def _report_progress(self):
         self._reported = self._recording.progress
