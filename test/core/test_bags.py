@@ -105,14 +105,14 @@ def test_rosbags_and_mcap_read_what_was_written(write_bag, make_cycle):
     bag = write_bag(cycle)
     with AnyReader([bag]) as reader:
         raw = reader.messages([c for c in reader.connections if c.topic == '/pkm/d3/command'])
-        by_rosbags = [(time, reader.deserialize(data, c.msgtype).error) for c, time, data in raw]
+        by_rosbags = [(time, reader.deserialize(data, c.msgtype).voltage) for c, time, data in raw]
     with mcap_of(bag).open('rb') as stream:
         messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(['/pkm/d3/command'])
-        by_mcap = [(raw.log_time, message.error) for _, _, raw, message in messages]
-    written = list(zip(range(0, 400 * 500_000, 500_000), cycle.error[:, 1], strict=True))
+        by_mcap = [(raw.log_time, message.voltage) for _, _, raw, message in messages]
+    written = list(zip(range(0, 400 * 500_000, 500_000), cycle.voltage[:, 1], strict=True))
     assert by_rosbags == by_mcap == written
     ours = read_topics(bag, ['/pkm/d3/command'])['/pkm/d3/command']
-    assert [message.error for message in ours] == cycle.error[:, 1].tolist()
+    assert [message.voltage for message in ours] == cycle.voltage[:, 1].tolist()
 
 
 def test_message_older_than_the_first_written_moves_the_start(tmp_path):

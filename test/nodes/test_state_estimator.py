@@ -24,8 +24,11 @@ class Encoders:
         self._publishers = [graph.publisher(EncoderSample, f'{joint}/encoder') for joint in machine.joints]
 
     def send(self, tick, positions):
-        for publisher, position in zip(self._publishers, positions, strict=True):
-            publisher.publish(EncoderSample(tick=tick, position=float(position)))
+        for joint, position in enumerate(positions):
+            self.send_one(joint, tick, position)
+
+    def send_one(self, joint, tick, position):
+        self._publishers[joint].publish(EncoderSample(tick=tick, position=float(position)))
 
 
 @pytest.fixture
@@ -63,6 +66,32 @@ def test_pose_is_the_forward_kinematics_of_every_twentieth_tick(graph, encoders,
         assert (pose.position.x, pose.position.y, pose.position.z) == (x, y, z)
         assert (pose.orientation.x, pose.orientation.y) == (0.0, 0.0)
         assert (pose.orientation.z, pose.orientation.w) == (sin(phi / 2), cos(phi / 2))
+
+
+def test_joint_that_lags_by_a_whole_state_loses_none(graph, encoders, poses, machine):
+    states = {number * STATES_EVERY: machine.home + number * 1e-4 for number in range(4)}
+    for first, last in ((0, 3), (3, 4)):
+        for tick, positions in states.items():
+            for joint in range(first, last):
+                encoders.send_one(joint, tick, positions[joint])
+        graph.spin_in_silence()
+        assert len(poses) == (0 if last == 3 else len(states))
+    for message, positions in zip(poses, states.values(), strict=True):
+        assert message.pose.position.x == machine.forward(positions)[0]
+
+
+def test_machine_that_was_switched_on_anew_is_not_mixed_with_its_last_life(graph, encoders, poses, machine):
+    for tick in (0, STATES_EVERY):
+        encoders.send(tick, machine.home)
+    encoders.send_one(0, 2 * STATES_EVERY, machine.home[0] + 1e-3)
+    graph.spin_until(lambda: len(poses) == 2, 'two poses')
+    for tick in (0, STATES_EVERY):
+        encoders.send(tick, machine.home)
+    graph.spin_until(lambda: len(poses) == 4, 'two more')
+    for joint in (1, 2, 3):
+        encoders.send_one(joint, 2 * STATES_EVERY, machine.home[joint])
+    graph.spin_in_silence()
+    assert len(poses) == 4, 'the first joint has not told its place'
 
 
 def test_joint_states_hold_motors_and_passive_joints_with_mean_speeds(graph, encoders, joint_states, machine):

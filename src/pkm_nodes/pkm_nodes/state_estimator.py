@@ -22,12 +22,14 @@ from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.conversions import nanoseconds_of_tick
 from pkm_nodes.markers import LinkMarkers
-from pkm_nodes.node import CYCLE_QOS, PkmNode, run
+from pkm_nodes.node import CYCLE_QOS, TICK_QOS, PkmNode, run
 from pkm_nodes.template import DOUBLE, POSE, STAMP, Template
 from pkm_nodes.tick_messages import ENCODER_SAMPLE
 
 # [ticks] markers go out at 20 Hz of simulated time: they cost more than everything else and are for eyes
 MARKERS_EVERY = 100
+# states that wait for a joint whose samples lag: no further can it be behind and lose none
+_MOST_GATHERED = TICK_QOS.depth // STATES_EVERY
 
 
 class StateEstimatorNode(PkmNode):
@@ -38,9 +40,9 @@ class StateEstimatorNode(PkmNode):
         self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
         self.check_settings()
         joints = self._machine.joints
-        self._positions = np.zeros(len(joints))
         self._previous = None  # tick, joints and pose of the last published state
-        self._tick, self._arrived = -1, 0
+        self._tick = -1  # of the last state
+        self._gathered = {}  # position by joint, by tick: the samples of one joint may lag behind those of the others
         self._markers = LinkMarkers(self._machine)
         self._pose_publisher = self.create_publisher(PoseStamped, 'pose', CYCLE_QOS)
         self._twist_publisher = self.create_publisher(TwistStamped, 'twist', CYCLE_QOS)
@@ -58,22 +60,26 @@ class StateEstimatorNode(PkmNode):
         tick, _, _, _, _, position = ENCODER_SAMPLE.unpack(data)
         if tick % STATES_EVERY:
             return
-        if tick != self._tick:
-            self._tick, self._arrived = tick, 0
-        self._positions[joint] = position
-        self._arrived += 1
-        if self._arrived == len(self._positions):
-            self._publish()
+        positions = self._gathered.setdefault(tick, {})
+        positions[joint] = position
+        if len(positions) < len(self._machine.joints):
+            if len(self._gathered) > _MOST_GATHERED:
+                del self._gathered[next(iter(self._gathered))]
+            return
+        restarted = tick <= self._tick  # a machine that was switched on anew counts from 0
+        self._gathered = {} if restarted else {later: part for later, part in self._gathered.items() if later > tick}
+        self._tick = tick
+        self._publish(np.array([positions[i] for i in range(len(positions))]))
 
-    def _publish(self):
+    def _publish(self, positions):
         machine = self._machine
         time = nanoseconds_of_tick(self._tick, machine.sample_time)
         try:
-            pose = dict(zip(machine.coordinates, machine.forward(self._positions).tolist(), strict=True))
-            joints = joint_positions(machine, self._positions)
+            pose = dict(zip(machine.coordinates, machine.forward(positions).tolist(), strict=True))
+            joints = joint_positions(machine, positions)
         except PkmError as error:  # after a collision, or a reading that is not finite
             self.get_logger().error(f'tick {self._tick}: no pose: {error}')
-            pose, joints = {}, dict(zip(machine.joints, self._positions.tolist(), strict=True))
+            pose, joints = {}, dict(zip(machine.joints, positions.tolist(), strict=True))
         before, self._previous = self._previous, (self._tick, joints, pose)
         if pose:
             self._publish_pose(time, pose)
