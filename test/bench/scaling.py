@@ -17,6 +17,7 @@ import tempfile
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import yaml
 from rich.console import Console
 from rich.table import Table
 
@@ -32,9 +33,9 @@ _PORT = 11873  # of the discovery server
 class Worker:
     """A cell in a namespace with its client, in processes of their own."""
 
-    def __init__(self, namespace, machine):
+    def __init__(self, namespace, machine, control):
         self._process = subprocess.Popen(
-            [sys.executable, __file__, '--serve', namespace, machine],
+            [sys.executable, __file__, '--serve', namespace, machine, control],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -58,17 +59,17 @@ class Worker:
         self._process.wait()
 
 
-def serve(namespace, machine):
+def serve(namespace, machine, control):
     """Be the client of a cell: run as many cycles as every line of the standard input says."""
     from pkm_core.machines import load_machine
     from pkm_core.motions import default_motion
     from pkm_nodes.bench.cells import TimedClient
     from pkm_nodes.processes import CellProcesses
 
-    motion = default_motion(load_machine(machine))
+    motion, options = default_motion(load_machine(machine)), {'seed': 1, 'environment': 'nominal', 'control': control}
     with (
         tempfile.TemporaryDirectory(prefix='pkm_scaling_') as folder,
-        CellProcesses(machine, 'composed', namespace=namespace, seed=1, environment='nominal', folder=folder) as cell,
+        CellProcesses(machine, 'composed', namespace=namespace, folder=folder, **options) as cell,
         TimedClient(namespace) as client,
     ):
         client.wait_until_up(cell.check)
@@ -94,14 +95,14 @@ def ticks_per_second(workers, cycles):
     return ticks * _SECOND / (end - begin)
 
 
-def measure(machine, counts, turns, cycles):
+def measure(machine, control, counts, turns, cycles):
     """Return {cells: ticks/s of all of them}, the best of the turns, while the number of cells grows."""
     speeds = {}
     with ExitStack() as stack:
         workers = []
         for count in counts:
             while len(workers) < count:
-                workers.append(Worker(f'/cell{len(workers)}', machine))
+                workers.append(Worker(f'/cell{len(workers)}', machine, control))
                 stack.callback(workers[-1].close)
                 workers[-1].answer()
                 ticks_per_second(workers[-1:], 1)  # warm
@@ -127,14 +128,25 @@ def _overlap(cycle, begin, end):
     return max(0, min(cycle['finished'], end) - max(cycle['started'], begin))
 
 
-def machine_at(rate, folder):
-    """Return a machine file like MACHINE with another servo rate [kHz]."""
+def at(rate, folder):
+    """Return files of a machine like MACHINE with another servo rate [kHz], and of gains that its delay allows."""
     text = (config_folder() / 'machines' / f'{MACHINE}.yaml').read_text()
     line = next(line for line in text.splitlines() if line.startswith('sample_time:'))
     file = Path(folder) / f'{rate}_kHz' / f'{MACHINE}.yaml'
     file.parent.mkdir()
     file.write_text(text.replace(line, f'sample_time: {1e3 / rate:g} us'))
-    return str(file)
+    return str(file), str(_softened(0.8 * min(1.0, rate / 2.0), file.with_name('gains.yaml')))
+
+
+def _softened(factor, file):
+    """Write the gains of MACHINE to `file`, for a loop slower by `factor` than the tuned one, and return it."""
+    gains = yaml.safe_load((config_folder() / 'control' / f'{MACHINE}.yaml').read_text())
+    for joint in gains['joints'].values():
+        for name, power in (('kp', 1), ('ki', 2), ('kd', 1)):
+            value, _, unit = joint[name].partition(' ')
+            joint[name] = f'{float(value) * factor**power:.6g} {unit}'
+    file.write_text(yaml.safe_dump(gains))
+    return file
 
 
 def draw(cells, rates, file):
@@ -171,8 +183,8 @@ def main():
     arguments = parser.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with tempfile.TemporaryDirectory() as folder, discovery_server():
-        cells = measure(MACHINE, CELLS, arguments.turns, arguments.cycles)
-        rates = {rate: measure(machine_at(rate, folder), [1], arguments.turns, arguments.cycles)[1] for rate in RATES}
+        cells = measure(MACHINE, 'robust', CELLS, arguments.turns, arguments.cycles)
+        rates = {rate: measure(*at(rate, folder), [1], arguments.turns, arguments.cycles)[1] for rate in RATES}
     table = Table(title=f'composed cells, best of {arguments.turns}')
     for heading in ('cells', 'ticks/s of all', 'of each', '', 'servo rate [kHz]', 'ticks/s', 'x real time'):
         table.add_column(heading.replace('[', r'\['), justify='right')

@@ -2,11 +2,13 @@
 
 import json
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic, sleep
 
 import numpy as np
 import pytest
+import rclpy
 
 from pkm_core.bags import read_topics
 from pkm_core.control.robust import load_control
@@ -19,10 +21,19 @@ from pkm_core.trajectory import to_joints
 
 DOMAIN = 121
 PKM = Path(sys.prefix) / 'bin' / 'pkm'
-ROS2 = Path(__file__).parents[2] / 'bringup_scripts' / 'ros2'
 # namespace: machine, arrangement, seed
 CELLS = {'left': ('four_dof', 'composed', 7), 'hall_2/right': ('planar', 'processes', 8)}
 TIMEOUT = 300.0  # [s, wall] both cells take seconds; the rest is reserve
+
+
+@contextmanager
+def listener():
+    """Give a node of the test in the domain of the cells."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        with rclpy.Context() as context:
+            context.init(domain_id=DOMAIN)
+            yield rclpy.create_node('test_two_cells', context=context)
 
 
 @pytest.fixture(scope='module')
@@ -38,11 +49,10 @@ def runs(tmp_path_factory, module_processes):
         for name, (machine, arrangement, seed) in CELLS.items()
     }
     end, topics = monotonic() + TIMEOUT, set()
-    while any(process.poll() is None for process in started.values()) and monotonic() < end:
-        if not all(f'/{name}/clock' in topics for name in CELLS):
-            listed = module_processes.run(ROS2, 'topic', 'list')
-            topics |= set(listed.stdout.split())
-        sleep(0.2)
+    with listener() as node:
+        while any(process.poll() is None for process in started.values()) and monotonic() < end:
+            topics |= {name for name, _ in node.get_topic_names_and_types()}
+            sleep(0.2)
     for name, process in started.items():
         machine = CELLS[name][0]
         assert process.poll() == 0, (module_processes.folder / f'{machine}.log').read_text()

@@ -24,7 +24,7 @@ from pkm_nodes.bench.targets import MEMORY_STEP, ratios, targets
 
 def bench(
     turns: Annotated[int, typer.Option(min=1, help='How often every subject is measured.')] = 9,
-    cycles: Annotated[int, typer.Option(min=1, help='Learning cycles of a cell in a turn.')] = 3,
+    cycles: Annotated[int, typer.Option(min=1, help='Learning cycles of a cell in a turn.')] = 8,
     memory_cycles: Annotated[
         int, typer.Option(min=0, help='Cycles over which the memory of the composed cell is watched; 0 for none.')
     ] = 1000,
