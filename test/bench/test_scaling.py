@@ -5,17 +5,31 @@ from pathlib import Path
 
 import pytest
 
+from pkm_core.control.margins import stability_margins
+from pkm_core.control.model import load_model
+from pkm_core.control.robust import load_control
 from pkm_core.machines import load_machine
 
 sys.path.append(str(Path(__file__).parent))
-from scaling import MACHINE, discovery_server, machine_at, measure
+from scaling import MACHINE, RATES, at, discovery_server, measure
 
 
 def test_rate_is_that_of_the_machine_file_and_nothing_else_differs(tmp_path):
-    fast, nominal = load_machine(machine_at(8, tmp_path)), load_machine(MACHINE)
+    fast, nominal = load_machine(at(8, tmp_path)[0]), load_machine(MACHINE)
     assert fast.sample_time == pytest.approx(125e-6)
     assert fast.name == nominal.name
     assert fast.config.geometry == nominal.config.geometry
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_gains_are_such_that_every_controller_takes_them(rate, tmp_path):
+    machine, gains = at(rate, tmp_path)
+    machine = load_machine(machine)
+    models = load_model(machine)
+    for joint, law in load_control(machine, gains).items():
+        margins = stability_margins(law, models[joint], machine.sample_time)
+        assert margins.gain_margin > 6.0
+        assert margins.phase_margin > 30.0
 
 
 @pytest.mark.slow
@@ -23,5 +37,5 @@ def test_two_cells_in_one_domain_run_at_once(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', '138')
     monkeypatch.setenv('ROS_DISCOVERY_SERVER', '')  # set for good by the server's block
     with discovery_server():
-        speeds = measure(MACHINE, [1, 2], turns=1, cycles=1)
+        speeds = measure(MACHINE, 'robust', [1, 2], turns=1, cycles=1)
     assert all(speed > 0 for speed in speeds.values())
