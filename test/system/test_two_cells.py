@@ -31,9 +31,10 @@ def listener():
     """Give a node of the test in the domain of the cells."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        with rclpy.Context() as context:
-            context.init(domain_id=DOMAIN)
-            yield rclpy.create_node('test_two_cells', context=context)
+        context = rclpy.Context()
+        context.init(domain_id=DOMAIN)
+        yield rclpy.create_node('test_two_cells', context=context)
+        context.shutdown()
 
 
 @pytest.fixture(scope='module')

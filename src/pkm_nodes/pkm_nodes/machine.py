@@ -184,6 +184,8 @@ class MachineNode(PkmNode):
             self._laser.publish()
 
     def _on_recorder_tick(self, message):
+        if self._recorded_tick < 0:
+            self._loaded.clear()  # its trajectories may have been sent before the recorder heard; they come again
         self._recorded_tick = message.data
         if self._held and self._tick - self._recorded_tick <= self._window:
             self._held = False

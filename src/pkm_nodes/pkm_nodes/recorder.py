@@ -124,8 +124,8 @@ class RecorderNode(PkmNode):
         """Report once at rest that all topics of a cycle are connected, and again when one of them has come back."""
         self._parameters_of_cell.look_around()
         before = self._connected
-        self._connected = sum(s.get_publisher_count() > 0 for s in self._tick_subscriptions)
-        connected = before == self._connected == len(self._tick_subscriptions) and self._is_led()
+        self._connected = sum(s.get_publisher_count() > 0 for s in self._tick_subscriptions) + self._is_led()
+        connected = before == self._connected == len(self._tick_subscriptions) + 1
         if connected and self._parameters_of_cell.is_complete():
             self._report_progress()
             self._announcer.timer_period_ns = 1_000_000_000
