@@ -34,18 +34,18 @@ setup(
     maintainer_email='maintainers@pkm-cell.org',
     license='Apache-2.0',
     entry_points={
-        'console_scripts': [f'{node} = pkm_nodes.{node}:main' for node in NODES],
+        'console_scripts': [f'{node} = pkm_nodes.nodes.{node}:main' for node in NODES],
         # verbs that need ROS; pkm_core.cli adds every verb it finds in this group
         'pkm.verbs': [
-            'bench = pkm_nodes.bench.verb:bench',
-            'bag-play = pkm_nodes.bag_play:bag_play',
-            'commission = pkm_nodes.commission:commission',
-            'identify-cell = pkm_nodes.identify_cell:identify_cell',
-            'page = pkm_nodes.page_verb:page',
-            'parameters = pkm_nodes.parameters:parameters',
-            'run = pkm_nodes.run:run',
+            'bench = pkm_nodes.verbs.bench:bench',
+            'bag-play = pkm_nodes.verbs.bag_play:bag_play',
+            'commission = pkm_nodes.verbs.commission:commission',
+            'identify-cell = pkm_nodes.verbs.identify_cell:identify_cell',
+            'page = pkm_nodes.verbs.page:page',
+            'parameters = pkm_nodes.verbs.parameters:parameters',
+            'run = pkm_nodes.verbs.run:run',
         ],
         # what `pkm experiment --arrangement` finds the graph by
-        'pkm.graphs': ['drive = pkm_nodes.experiment_runs:drive'],
+        'pkm.graphs': ['drive = pkm_nodes.clients.experiment_driver:drive'],
     },
 )

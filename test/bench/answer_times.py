@@ -16,8 +16,8 @@ from time import perf_counter
 
 import numpy as np
 
-from pkm_nodes.machine import MachineNode
-from pkm_nodes.node import run
+from pkm_nodes.nodes.machine import MachineNode
+from pkm_nodes.runtime.node import run
 
 
 class TimedMachine(MachineNode):

@@ -23,13 +23,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
-from pkm_core.motions import load_motion, plan
-from pkm_core.records import read_cycle
-from pkm_core.simulation import run_cycles
-from pkm_core.trajectory import to_joints
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
 
 MACHINE, LAW, SEED = 'four_dof', 'fourier_pid', 7
 ADDRESSES = {'machine': '10.77.0.1', 'control': '10.77.0.2'}
@@ -153,8 +153,8 @@ def run_over(line, motion, cycles):
 
 def drive(control, folder, motion, cycles):
     """Start the cell from the machine's host and run the cycles; print what came of it as a line of JSON."""
-    from pkm_nodes.client import CellClient
-    from pkm_nodes.processes import CellProcesses
+    from pkm_nodes.clients.cell_client import CellClient
+    from pkm_nodes.clients.cell_processes import CellProcesses
 
     class TwoHosts(CellProcesses):
         """The processes of a cell, those of the controllers on the other host."""

@@ -38,12 +38,12 @@ from pkm_core.identification.excitation import slow_moves, sweeps
 from pkm_core.identification.frequency_fit import Surroundings, fit_high_frequency
 from pkm_core.identification.frequency_response import estimate_response
 from pkm_core.identification.identify import LOOP_DELAY
-from pkm_core.identification.loop import SimulatedCell
 from pkm_core.identification.partial_fractions import mode_rows
 from pkm_core.identification.prediction import KnownDynamics
 from pkm_core.identification.prediction_error import fit_low_frequency
 from pkm_core.machines import load_machine
-from pkm_core.truth import load_truth
+from pkm_core.plant.truth import load_truth
+from pkm_core.simulation.experiment import SimulatedCell
 
 LINES = np.arange(41, 256) / 0.512  # [Hz] of the sweep, strictly within its band
 MACHINES = ('planar', 'four_dof', 'xy_stage')

@@ -22,10 +22,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pkm_core.closed_chain import TICKS, MujocoChain, forces, reference, step_rigid
 from pkm_core.config import config_folder
+from pkm_core.experiments.closed_chain import TICKS, MujocoChain, forces, reference, step_rigid
 from pkm_core.machines import load_machine
-from pkm_core.plant import Plant
+from pkm_core.plant.plant import Plant
 
 PLANTS = (
     ('four_dof', 'nominal'),

@@ -62,9 +62,9 @@ class Worker:
 def serve(namespace, machine, control):
     """Be the client of a cell: run as many cycles as every line of the standard input says."""
     from pkm_core.machines import load_machine
-    from pkm_core.motions import default_motion
+    from pkm_core.motion.planning import default_motion
     from pkm_nodes.bench.cells import TimedClient
-    from pkm_nodes.processes import CellProcesses
+    from pkm_nodes.clients.cell_processes import CellProcesses
 
     motion, options = default_motion(load_machine(machine)), {'seed': 1, 'environment': 'nominal', 'control': control}
     with (

@@ -7,7 +7,7 @@ The rigid 4-DOF machine against MuJoCo, which knows nothing of our equations: it
 import numpy as np
 import pytest
 
-from pkm_core.closed_chain import MujocoChain, forces, reference, step_rigid
+from pkm_core.experiments.closed_chain import MujocoChain, forces, reference, step_rigid
 from pkm_core.machines import load_machine
 
 MACHINE = load_machine('four_dof')

@@ -1,8 +1,6 @@
-"""Recorded cycles without a cell: what a recorder would have written, from arrays; and what a package imports."""
+"""Recorded cycles without a cell: what a recorder would have written, from arrays."""
 
-import ast
 import json
-import sys
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -10,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pkm_core.bag_writer import BagWriter
+from pkm_core.bag.message_types import typestore
+from pkm_core.bag.writer import BagWriter
 from pkm_core.machines import load_machine
-from pkm_core.message_types import typestore
-from pkm_core.motions import Motion, Target, plan
-from pkm_core.trajectory import DERIVATIVES, to_joints
+from pkm_core.motion.planning import Motion, Target, plan
+from pkm_core.motion.trajectory import DERIVATIVES, to_joints
 
 TYPES = {
     'encoder': 'pkm_interfaces/msg/EncoderSample',
@@ -167,20 +165,3 @@ def write_bag(start_recording):
         return recording.close()
 
     return write
-
-
-@pytest.fixture(scope='session')
-def imports_of():
-    """Return a function: what the package in a folder imports, but for itself and the standard library."""
-    return imported
-
-
-def imported(package):
-    names = set()
-    for path in (*(package / package.name).rglob('*.py'), *(package / 'launch').glob('*.py')):
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-            if isinstance(node, ast.Import):
-                names |= {alias.name.partition('.')[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                names.add(node.module.partition('.')[0])
-    return names - set(sys.stdlib_module_names) - {package.name}

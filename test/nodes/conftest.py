@@ -22,12 +22,12 @@ from rclpy.signals import SignalHandlerOptions
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
 from pkm_core.machines import load_machine
-from pkm_core.motions import Motion, Target, plan
-from pkm_core.trajectory import to_joints
+from pkm_core.motion.planning import Motion, Target, plan
+from pkm_core.motion.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent
-from pkm_nodes.conversions import trajectory_to_msg
-from pkm_nodes.events import NAMES
-from pkm_nodes.node import PkmNode, reliable
+from pkm_nodes.messages.conversions import trajectory_to_msg
+from pkm_nodes.parts.cycle_events import NAMES
+from pkm_nodes.runtime.node import PkmNode, reliable
 from support.axis import Axis, Learning
 from support.controllers import Controllers
 from support.goals import CellStandIn, Goals

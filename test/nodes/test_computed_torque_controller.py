@@ -9,8 +9,8 @@ from pkm_core.control.computed_torque import load_torque_control
 from pkm_core.control.controllers import make_controller
 from pkm_core.errors import ConfigError
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
-from pkm_nodes.computed_torque_controller import ComputedTorqueControllerNode
-from pkm_nodes.conversions import trajectory_from_msg
+from pkm_nodes.messages.conversions import trajectory_from_msg
+from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 
 JOINTS = ('d1', 'd3', 'd5', 'd7')
 UM = 1e-6

@@ -8,17 +8,17 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.srv import ListParameters
 from rclpy.serialization import serialize_message
 
-from pkm_core.bag_writer import BagWriter
-from pkm_core.description import joint_positions
+from pkm_core.bag.writer import BagWriter
 from pkm_core.errors import BagError
+from pkm_core.machines.description import joint_positions
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
-from pkm_nodes.computed_torque_controller import ComputedTorqueControllerNode
-from pkm_nodes.dashboard import DashboardNode
-from pkm_nodes.machine import MachineNode
+from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
+from pkm_nodes.nodes.dashboard import DashboardNode
+from pkm_nodes.nodes.machine import MachineNode
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from pkm_nodes.page.cell import Cell, Status
 from pkm_nodes.page.panels import nodes_html, notice_html, status_html
 from pkm_nodes.page.trace import read_trace
-from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
 
 
 @pytest.fixture

@@ -7,22 +7,22 @@ import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 
-from pkm_core.commissioning.plan import in_poses
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
 from pkm_core.identification.bag_data import read_cell_bag
-from pkm_core.motions import Motion, Target, plan
-from pkm_core.trajectory import to_joints
+from pkm_core.identification.plan import in_poses
+from pkm_core.motion.planning import Motion, Target, plan
+from pkm_core.motion.trajectory import to_joints
 from pkm_interfaces.action import Identify
 from pkm_interfaces.msg import CycleEvent, EncoderSample, Excitation, MotorCommand, SampledTrajectory
-from pkm_nodes.conversions import IDENTIFY, trajectory_to_msg
-from pkm_nodes.identification import IdentificationNode
-from pkm_nodes.inverse_kinematics import InverseKinematicsNode
-from pkm_nodes.joint_controller import JointControllerNode
-from pkm_nodes.machine import MachineNode
-from pkm_nodes.recorder import RecorderNode
-from pkm_nodes.state_estimator import StateEstimatorNode
-from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.messages.conversions import IDENTIFY, trajectory_to_msg
+from pkm_nodes.nodes.identification import IdentificationNode
+from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
+from pkm_nodes.nodes.joint_controller import JointControllerNode
+from pkm_nodes.nodes.machine import MachineNode
+from pkm_nodes.nodes.recorder import RecorderNode
+from pkm_nodes.nodes.state_estimator import StateEstimatorNode
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 
 JOINTS = ('d1', 'd3', 'd5', 'd7')
 COLUMN = 1  # d3

@@ -8,7 +8,7 @@ from std_msgs.msg import UInt64
 
 from pkm_interfaces.action import ExecuteMotion, Identify
 from pkm_interfaces.msg import CycleEvent, MotorCommand
-from pkm_nodes.identification import IdentificationNode
+from pkm_nodes.nodes.identification import IdentificationNode
 
 JOINTS = ('d1', 'd3')
 

@@ -9,9 +9,9 @@ import pytest
 from rclpy.action import get_action_names_and_types
 from rclpy.parameter import Parameter
 
-from pkm_nodes.cell import NODES
-from pkm_nodes.dashboard import DashboardNode
 from pkm_nodes.graph import cell_nodes
+from pkm_nodes.nodes.cell import NODES
+from pkm_nodes.nodes.dashboard import DashboardNode
 from pkm_nodes.ros2.shared import find_interface
 
 ROOT = Path(__file__).parents[2]

@@ -8,10 +8,10 @@ import pytest
 
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
-from pkm_core.trajectory import DERIVATIVES, to_joints
+from pkm_core.motion.trajectory import DERIVATIVES, to_joints
 from pkm_interfaces.msg import CycleEvent, SampledTrajectory
-from pkm_nodes.conversions import trajectory_to_msg
-from pkm_nodes.inverse_kinematics import InverseKinematicsNode
+from pkm_nodes.messages.conversions import trajectory_to_msg
+from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
 
 
 @pytest.fixture

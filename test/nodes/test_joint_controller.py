@@ -7,11 +7,11 @@ import pytest
 from rclpy.exceptions import ParameterException
 
 from pkm_core.errors import PkmError
-from pkm_core.metrics import axis_metrics
+from pkm_core.motion.metrics import axis_metrics
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
-from pkm_nodes import controller
-from pkm_nodes.joint_controller import JointControllerNode
-from pkm_nodes.node import LAST_VALUE_QOS
+from pkm_nodes.nodes.joint_controller import JointControllerNode
+from pkm_nodes.parts import cycle_controller
+from pkm_nodes.runtime.node import LAST_VALUE_QOS
 from support.axis import SAMPLES, UM
 
 
@@ -40,7 +40,7 @@ def test_trajectory_is_loaded_only_when_somebody_takes_the_commands(graph, joint
 
 
 def test_reader_of_the_commands_that_cannot_connect_holds_up_a_cycle_for_a_while_only(graph, axis, monkeypatch):
-    monkeypatch.setattr(controller, 'DISCOVERY', 0.5)
+    monkeypatch.setattr(cycle_controller, 'DISCOVERY', 0.5)
     graph.start(JointControllerNode, joint='d3')
     graph.node.create_subscription(MotorCommand, 'd3/command', print, LAST_VALUE_QOS)  # wants what is not offered
     graph.spin_until(lambda: graph.node.count_subscribers('d3/command') == 2, 'the second reader to be known')

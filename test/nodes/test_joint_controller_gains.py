@@ -11,8 +11,8 @@ from rclpy.parameter import Parameter
 
 from pkm_core.control.robust import load_control
 from pkm_interfaces.msg import CycleEvent
-from pkm_nodes.gains import gains_from_msg
-from pkm_nodes.joint_controller import JointControllerNode
+from pkm_nodes.nodes.joint_controller import JointControllerNode
+from pkm_nodes.parts.gain_parameters import gains_from_msg
 from support.axis import SAMPLES, UM
 
 

@@ -10,8 +10,8 @@ from rclpy.task import Future
 
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import UpdateFeedforward
-from pkm_nodes import axis_learning
-from pkm_nodes.joint_controller import JointControllerNode
+from pkm_nodes.nodes.joint_controller import JointControllerNode
+from pkm_nodes.parts import axis_learning
 from support.axis import SAMPLES, UM, feedforward_of
 
 

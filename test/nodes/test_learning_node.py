@@ -11,14 +11,14 @@ from pkm_core.control.robust import load_control
 from pkm_core.errors import ConfigError
 from pkm_core.learning import make_law
 from pkm_core.learning.store import origin_of, read
-from pkm_core.motions import load_motion, plan
-from pkm_core.trajectory import to_joints
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent, RobustGains, SampledTrajectory
 from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
-from pkm_nodes import learning
-from pkm_nodes.conversions import trajectory_to_msg
-from pkm_nodes.gains import gains_to_msg
-from pkm_nodes.learning import LearningNode
+from pkm_nodes.messages.conversions import trajectory_to_msg
+from pkm_nodes.nodes import learning
+from pkm_nodes.nodes.learning import LearningNode
+from pkm_nodes.parts.gain_parameters import gains_to_msg
 
 SAMPLES = 200
 MOTION = 'four_dof_70ms'

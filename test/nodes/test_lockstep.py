@@ -16,8 +16,8 @@ from rclpy.task import Future
 from std_msgs.msg import UInt64
 from std_srvs.srv import Trigger
 
-from pkm_nodes.lockstep import LockstepExecutor, PatientGroup
-from pkm_nodes.node import TICK_QOS, PkmNode
+from pkm_nodes.runtime.lockstep import LockstepExecutor, PatientGroup
+from pkm_nodes.runtime.node import TICK_QOS, PkmNode
 
 
 class Player(PkmNode):

@@ -11,8 +11,8 @@ from std_msgs.msg import UInt32
 
 from pkm_core.errors import PkmError
 from pkm_interfaces.msg import CycleEvent
-from pkm_nodes.machine import CLOCK_EVERY, MachineNode
-from pkm_nodes.node import LAST_VALUE_QOS
+from pkm_nodes.nodes.machine import CLOCK_EVERY, MachineNode
+from pkm_nodes.runtime.node import LAST_VALUE_QOS
 from support.controllers import IN_TIME, JOINTS
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
-from pkm_core.laser_clock import sample_numbers
+from pkm_core.machines.laser_clock import sample_numbers
 from pkm_interfaces.msg import CycleEvent, LaserSample
-from pkm_nodes.machine import LASER_EVERY, MachineNode
+from pkm_nodes.nodes.machine import LASER_EVERY, MachineNode
 from support.controllers import IN_TIME
 
 

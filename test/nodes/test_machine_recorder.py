@@ -3,7 +3,7 @@
 from std_msgs.msg import UInt64
 
 from pkm_interfaces.msg import CycleEvent, EncoderSample
-from pkm_nodes.machine import MachineNode
+from pkm_nodes.nodes.machine import MachineNode
 from support.controllers import IN_TIME
 
 

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import Trigger
 
 from pkm_interfaces.msg import CycleEvent, EncoderSample
-from pkm_nodes.machine import BRAKE_TICKS, MachineNode
+from pkm_nodes.nodes.machine import BRAKE_TICKS, MachineNode
 from support.controllers import IN_TIME
 
 

@@ -6,8 +6,8 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from pkm_nodes.node import TICK_QOS
-from pkm_nodes.queues import Taker
+from pkm_nodes.runtime.node import TICK_QOS
+from pkm_nodes.runtime.queues import Taker
 
 LARGE = 100_000  # more than the room for all that is handed over at once
 

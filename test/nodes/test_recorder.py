@@ -20,20 +20,20 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import UInt64
 from std_srvs.srv import Trigger
 
-from pkm_core.bags import read_metadata
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.message_types import typestore
+from pkm_core.bag.reader import read_metadata
 from pkm_core.errors import BagError, ConfigError
-from pkm_core.laser_clock import sample_numbers
-from pkm_core.message_types import typestore
-from pkm_core.provenance import config_hash, git_revision
+from pkm_core.machines.laser_clock import sample_numbers
 from pkm_core.recording import recording
+from pkm_core.recording.provenance import config_hash, git_revision
 from pkm_core.recording.topics import STATES_EVERY
-from pkm_core.records import read_cycle
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, LaserSample, MotorCommand, SampledTrajectory
-from pkm_nodes.conversions import time_of_tick, trajectory_to_msg
-from pkm_nodes.learning import LearningNode
-from pkm_nodes.node import PkmNode
-from pkm_nodes.recorder import RecorderNode
-from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.messages.conversions import time_of_tick, trajectory_to_msg
+from pkm_nodes.nodes.learning import LearningNode
+from pkm_nodes.nodes.recorder import RecorderNode
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.runtime.node import PkmNode
 
 JOINTS = ('d1', 'd3', 'd5', 'd7')
 SAMPLES = 40  # of the short motion

@@ -11,9 +11,9 @@ from pkm_core.config import config_folder
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
 from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand, SampledTrajectory
-from pkm_nodes.joint_controller import JointControllerNode
-from pkm_nodes.learning import LearningNode
-from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.nodes.joint_controller import JointControllerNode
+from pkm_nodes.nodes.learning import LearningNode
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 
 COLUMN = 1  # d3
 

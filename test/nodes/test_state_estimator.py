@@ -9,12 +9,12 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pkm_core.description import base_boxes, frames, joint_positions, links, moved
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
+from pkm_core.machines.description import base_boxes, frames, joint_positions, links, moved
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
-from pkm_nodes.state_estimator import StateEstimatorNode
+from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 
 
 class Encoders:

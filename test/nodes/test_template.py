@@ -8,9 +8,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pkm_core.message_types import typestore
+from pkm_core.bag.message_types import typestore
 from pkm_interfaces.msg import LaserSample
-from pkm_nodes.template import DOUBLE, POSE, STAMP, Template
+from pkm_nodes.messages.template import DOUBLE, POSE, STAMP, Template
 
 NANOSECONDS = 12_000_000_345
 

@@ -6,7 +6,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from pkm_interfaces.msg import EncoderSample, MotorCommand
-from pkm_nodes.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
+from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 
 SAMPLE = {'tick': 2**40 + 1, 'cycle': 7, 'index': 679, 'mode': 1, 'counts': -(2**33), 'position': -pi / 100}
 COMMAND = {'tick': 2**63, 'cycle': 2**32 - 1, 'voltage': -9.99, 'error': 1.5e-7, 'feedforward': float('inf')}

@@ -7,10 +7,10 @@ import pytest
 from action_msgs.msg import GoalStatus
 
 from pkm_core.errors import ConfigError
-from pkm_core.motions import load_motion, plan
-from pkm_core.trajectory import DERIVATIVES
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import DERIVATIVES
 from pkm_interfaces.msg import PlatformPose
-from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from support.goals import JOINTS, MOTION, NEAR_HOME, pose_at
 
 BEYOND_TRAVEL = pose_at([0.0590, 0.1395, 0.1395, 0.0795])  # d1 begins at 59.5 mm

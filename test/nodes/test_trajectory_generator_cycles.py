@@ -7,8 +7,8 @@ from action_msgs.msg import GoalStatus
 from std_msgs.msg import UInt32
 
 from pkm_interfaces.msg import CycleEvent
-from pkm_nodes.node import LAST_VALUE_QOS, PkmNode
-from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.runtime.node import LAST_VALUE_QOS, PkmNode
 from support.goals import MOTION
 
 

@@ -10,10 +10,10 @@ from pkm_core.config import find_config
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
 from pkm_core.learning.store import Learned, origin_of, read, save
-from pkm_core.motions import load_motion, plan
-from pkm_core.trajectory import to_joints
-from pkm_nodes.conversions import trajectory_from_msg
-from pkm_nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_nodes.messages.conversions import trajectory_from_msg
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from support.goals import JOINTS, MOTION, NEAR_HOME
 
 

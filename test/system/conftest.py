@@ -4,85 +4,13 @@ import os
 import signal
 import subprocess
 from pathlib import Path
-from time import monotonic, sleep
 
 import pytest
 
+from support.processes import module_processes, processes
+
 TOOL = Path(__file__).resolve().parents[2] / 'bringup_scripts' / 'ros2'
-
-
-class Processes:
-    """Starts programs in one ROS domain and ends them at the end of the test."""
-
-    def __init__(self, domain, folder):
-        self.environment = os.environ | {
-            'ROS_DOMAIN_ID': str(domain),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'COLUMNS': '120',
-        }
-        self.folder = folder
-        self._started = []
-
-    def run(self, *command, timeout=240):
-        """Run a program to its end and return it with its output."""
-        return subprocess.run(
-            [str(word) for word in command],
-            env=self.environment,
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-            check=False,
-        )
-
-    def start(self, *command, log='log'):
-        """Start a program; what it prints goes to the file `log` of the test's folder."""
-        with (self.folder / log).open('w') as stream:
-            process = subprocess.Popen(
-                [str(word) for word in command],
-                env=self.environment,
-                cwd=self.folder,
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-        self._started.append(process)
-        return process
-
-    def stop(self, process):
-        """Interrupt one of them and wait until it has ended."""
-        process.send_signal(signal.SIGINT)
-        process.wait(timeout=15.0)
-
-    def end(self):
-        """Interrupt what still runs, then kill what does not listen."""
-        for process in self._started:
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-        deadline = monotonic() + 15.0  # a recorder closes its bag first
-        for process in self._started:
-            while process.poll() is None and monotonic() < deadline:
-                sleep(0.05)
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-
-
-@pytest.fixture
-def processes(request, tmp_path):
-    """Return `Processes` in the ROS domain the module names as DOMAIN."""
-    started = Processes(request.module.DOMAIN, tmp_path)
-    yield started
-    started.end()
-
-
-@pytest.fixture(scope='module')
-def module_processes(request, tmp_path_factory):
-    """Return `Processes` for all tests of a module."""
-    started = Processes(request.module.DOMAIN, tmp_path_factory.mktemp('processes'))
-    yield started
-    started.end()
+__all__ = ['module_processes', 'processes', 'ros2', 'ros2_environment']
 
 
 @pytest.fixture(scope='module')

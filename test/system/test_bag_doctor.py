@@ -12,18 +12,18 @@ import pytest
 import rclpy
 from std_msgs.msg import UInt64
 
-from pkm_core.bag_writer import CHUNK_BYTES
-from pkm_core.bags import raw_messages
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.reader import raw_messages
+from pkm_core.bag.writer import CHUNK_BYTES
 from pkm_core.control.robust import load_control
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
-from pkm_core.motions import load_motion, plan
-from pkm_core.records import read_cycle
-from pkm_core.simulation import run_cycles
-from pkm_core.trajectory import to_joints
-from pkm_nodes.client import CellClient
-from pkm_nodes.node import reliable
-from pkm_nodes.processes import CellProcesses
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
+from pkm_nodes.clients.cell_client import CellClient
+from pkm_nodes.clients.cell_processes import CellProcesses
+from pkm_nodes.runtime.node import reliable
 
 DOMAIN = 64
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

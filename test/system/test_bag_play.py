@@ -17,9 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from pkm_core.bags import raw_messages
+from pkm_core.bag.reader import raw_messages
 from pkm_interfaces.msg import EncoderSample
-from pkm_nodes.node import TICK_QOS
+from pkm_nodes.runtime.node import TICK_QOS
 
 DOMAIN = 65
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

@@ -9,9 +9,9 @@ import pytest
 from pkm_core.config import config_folder
 from pkm_core.control.robust import load_control
 from pkm_core.machines import load_machine
-from pkm_core.motions import default_motion, load_motion, plan
-from pkm_core.simulation import run_cycles
-from pkm_core.trajectory import to_joints
+from pkm_core.motion.planning import default_motion, load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
 
 DOMAIN = 92
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

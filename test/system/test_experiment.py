@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pkm_core.experiments.condition import conditions
-from pkm_core.experiments.farm import measure
-from pkm_core.experiments.graphs import graph_driver
+from pkm_core.experiments.graph_driver import graph_driver
 from pkm_core.experiments.outcome import QUANTITIES
+from pkm_core.experiments.runs import measure
 
 DOMAIN = 141
 PLANAR = {each.name: replace(each, settled=1) for each in conditions('planar')}

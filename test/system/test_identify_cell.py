@@ -12,8 +12,8 @@ from pkm_core.control.robust import load_control
 from pkm_core.identification.bag_data import read_cell_bag
 from pkm_core.identification.excitation import experiments
 from pkm_core.identification.identify import identify_joint
-from pkm_core.identification.loop import SimulatedCell
 from pkm_core.machines import load_machine
+from pkm_core.simulation.experiment import SimulatedCell
 
 DOMAIN = 91
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

@@ -5,10 +5,10 @@ from time import sleep
 
 import pytest
 
-from pkm_core.bags import read_topics
+from pkm_core.bag.reader import read_topics
 from pkm_core.errors import PkmError
-from pkm_nodes.client import CellClient
-from pkm_nodes.processes import CellProcesses
+from pkm_nodes.clients.cell_client import CellClient
+from pkm_nodes.clients.cell_processes import CellProcesses
 
 DOMAIN = 111
 

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from pkm_core.config import config_folder
-from pkm_core.parameter_page import FILES
+from pkm_core.verbs.config_page import FILES
 
 DOMAIN = 122
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

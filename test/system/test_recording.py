@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 from time import monotonic, sleep
 
-from pkm_core.bag_repair import repair
+from pkm_core.bag.repair import repair
 
 DOMAIN = 112
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

@@ -11,18 +11,18 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from pkm_core.bags import read_metadata
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.message_types import typestore
+from pkm_core.bag.reader import read_metadata
 from pkm_core.control.controllers import choose_control
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
-from pkm_core.learning.start import first_feedforward
+from pkm_core.learning.initial import first_feedforward
 from pkm_core.learning.store import read
 from pkm_core.machines import load_machine
-from pkm_core.message_types import typestore
-from pkm_core.motions import load_motion, plan
-from pkm_core.records import read_cycle
-from pkm_core.simulation import run_cycles
-from pkm_core.trajectory import to_joints
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
 
 DOMAIN = 61
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

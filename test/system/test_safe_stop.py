@@ -8,12 +8,12 @@ import pytest
 import rclpy
 from std_srvs.srv import Trigger
 
-from pkm_core.bags import read_topics
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.reader import read_topics
 from pkm_core.errors import PkmError
-from pkm_core.records import read_cycle
 from pkm_interfaces.msg import CycleEvent
-from pkm_nodes.client import CellClient
-from pkm_nodes.processes import CellProcesses
+from pkm_nodes.clients.cell_client import CellClient
+from pkm_nodes.clients.cell_processes import CellProcesses
 
 DOMAIN = 62
 

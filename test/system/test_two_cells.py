@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import rclpy
 
-from pkm_core.bags import read_topics
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.reader import read_topics
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
-from pkm_core.motions import default_motion, load_motion, plan
-from pkm_core.records import read_cycle
-from pkm_core.simulation import run_cycles
-from pkm_core.trajectory import to_joints
+from pkm_core.motion.planning import default_motion, load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
 
 DOMAIN = 121
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

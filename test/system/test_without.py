@@ -7,17 +7,17 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 
+from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.control.robust import load_control
 from pkm_core.errors import PkmError
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
-from pkm_core.motions import load_motion, plan
-from pkm_core.records import read_cycle
-from pkm_core.simulation import run_cycles
-from pkm_core.trajectory import to_joints
-from pkm_nodes import client as module
-from pkm_nodes.client import CellClient
-from pkm_nodes.processes import CellProcesses
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
+from pkm_nodes.clients import cell_client as module
+from pkm_nodes.clients.cell_client import CellClient
+from pkm_nodes.clients.cell_processes import CellProcesses
 
 DOMAIN = 211
 PKM = Path(sys.prefix) / 'bin' / 'pkm'

@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pkm_core.control.figures import violations
-from pkm_core.control.genetic import Branch
 from pkm_core.control.margins import Margins, stability_margins, worst_margins
-from pkm_core.control.recommend import recommended
 from pkm_core.control.robust import RobustGains
-from pkm_core.control.tune import SEARCH_FILE
-from pkm_core.control.tuning import TuningProblem
 from pkm_core.errors import PkmError
+from pkm_core.tuning.evaluation import violations
+from pkm_core.tuning.problem import TuningProblem
+from pkm_core.tuning.recommend import recommended
+from pkm_core.tuning.search import Branch
+from pkm_core.tuning.tune import SEARCH_FILE
 
 _MARGINS = ('gain margin', 'phase margin', 'peak sensitivity', 'resonance peak')
 _LIMITS = ('stability', *_MARGINS, *(f'perturbed {name}' for name in _MARGINS))  # columns of `violations`

@@ -10,8 +10,8 @@ from pkm_core.commissioning.measured import measured_loop
 from pkm_core.control.margin_plots import draw_nyquist
 from pkm_core.control.margins import unit_circle
 from pkm_core.control.systems import plant_system
-from pkm_core.design.figures import new_figure
-from pkm_core.provenance import git_revision
+from pkm_core.plotting import new_figure
+from pkm_core.recording.provenance import git_revision
 from pkm_core.reporting.page import figure_fragment, page, remark_fragment, table_fragment
 from pkm_core.reporting.tables import Table
 

@@ -1,14 +1,14 @@
 """The bench of `commission` without ROS: the objects of the nodes, called in their order, so with the same bits."""
 
-from pkm_core.commissioning.commission import Identified
-from pkm_core.commissioning.fits import fit_records, write_results
 from pkm_core.commissioning.measured import MeasuredResponse
-from pkm_core.commissioning.plan import Request, plan
+from pkm_core.commissioning.procedure import Identified
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
-from pkm_core.identification.loop import SimulatedCell
+from pkm_core.identification.fits import fit_records, write_results
+from pkm_core.identification.plan import Request, plan
 from pkm_core.learning import make_law
-from pkm_core.simulation import run_cycles
+from pkm_core.simulation.cycles import run_cycles
+from pkm_core.simulation.experiment import SimulatedCell
 
 
 class SimulatedBench:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pkm_core.design.figures import new_figure, save, units
+from pkm_core.plotting import new_figure, save, units
 
 
 def draw_calibration(folder, study, true_errors=None):

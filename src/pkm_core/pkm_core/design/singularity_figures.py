@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.stats import binned_statistic_2d
 
-from pkm_core.design.figures import new_figure, save
 from pkm_core.design.workspace import extremes
+from pkm_core.plotting import new_figure, save
 
 
 def draw_maps(folder, poses, determinant, condition, length):

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pkm_core.assembly import Assembly
 from pkm_core.errors import PkmError
+from pkm_core.machines.assembly import Assembly
 from pkm_core.machines.built import drawn_length
 
 LINKS = {'four_dof': ('l2', 'l4', 'l6', 'l8', 'k10', 'k12'), 'planar': ('l2', 'l4')}

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pkm_core.design.figures import new_figure, save
 from pkm_core.design.objectives import VARIANTS, squared_norms
 from pkm_core.design.optimisation import scan
+from pkm_core.plotting import new_figure, save
 
 _MATRIX = {'thesis': "the thesis's matrix", 'true': 'the correct matrix'}
 

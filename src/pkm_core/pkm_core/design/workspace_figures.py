@@ -3,7 +3,7 @@
 import numpy as np
 
 from pkm_core.design.envelope import clearance, orientation_range
-from pkm_core.design.figures import new_figure, save
+from pkm_core.plotting import new_figure, save
 
 _FROM_ORIGIN = -135.0  # azimuth [deg] of an eye at the machine's origin
 

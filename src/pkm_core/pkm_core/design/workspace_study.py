@@ -8,9 +8,9 @@ import numpy as np
 
 from pkm_core.design.envelope import orientation_range, reached_with
 from pkm_core.design.surface import Tessellation, exact_surface, join_contours, tessellate
-from pkm_core.design.thesis_tables import WORKSPACE_BOX
 from pkm_core.design.workspace import Measured, Slices, extremes, measure, pose_volume, sample_poses, slice_positions
 from pkm_core.errors import WorkspaceError
+from pkm_core.thesis.tolerances import WORKSPACE_BOX
 
 _TESSELLATED = 20_000  # samples; more take minutes
 

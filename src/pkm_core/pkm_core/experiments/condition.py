@@ -8,12 +8,12 @@ import numpy as np
 
 from pkm_core.control.controllers import choose_control
 from pkm_core.learning import make_law
-from pkm_core.learning.design import design_feedforward
+from pkm_core.learning.coupling import design_feedforward
 from pkm_core.learning.law import Law
 from pkm_core.machines import load_machine
 from pkm_core.machines.base import Machine
-from pkm_core.motions import default_motion, load_motion, plan
-from pkm_core.trajectory import SampledTrajectory, to_joints
+from pkm_core.motion.planning import default_motion, load_motion, plan
+from pkm_core.motion.trajectory import SampledTrajectory, to_joints
 
 ENVIRONMENTS = ('nominal', 'exact', 'hard')
 

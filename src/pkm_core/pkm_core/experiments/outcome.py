@@ -4,9 +4,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from pkm_core.bag.cycle_record import CycleRecord
 from pkm_core.experiments.condition import Condition
-from pkm_core.metrics import AxisMetrics
-from pkm_core.records import CycleRecord
+from pkm_core.motion.metrics import AxisMetrics
 from pkm_core.reporting.histories import joint_histories, laser_histories
 
 QUANTITIES = tuple(field.name for field in fields(AxisMetrics))

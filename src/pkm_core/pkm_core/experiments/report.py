@@ -7,7 +7,7 @@ from pkm_core.experiments.design_tables import effort_table, size_table
 from pkm_core.experiments.outcome import worst_axis
 from pkm_core.experiments.tables import end_point_rows, joint_rows, spread_table
 from pkm_core.reporting.tables import Table
-from pkm_core.thesis import END_POINT, JOINT_SPACE
+from pkm_core.thesis.results import END_POINT, JOINT_SPACE
 
 
 def study_report(study):

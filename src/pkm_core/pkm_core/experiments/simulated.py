@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pkm_core.bag.cycle_record import CycleRecord
 from pkm_core.experiments.condition import prepared
-from pkm_core.records import CycleRecord
-from pkm_core.simulation import run_cycles
+from pkm_core.simulation.cycles import run_cycles
 
 
 def simulate(condition, seed, cycles, *, laser=True):

@@ -3,9 +3,9 @@
 from pkm_core.experiments.condition import ENVIRONMENTS
 from pkm_core.experiments.outcome import counted, spread, worst_axis
 from pkm_core.reporting.tables import Table
-from pkm_core.thesis import END_POINT, JOINT_SPACE
+from pkm_core.thesis.results import END_POINT, JOINT_SPACE
 
-QUANTITIES = {  # of `AxisMetrics`: key in `pkm_core.thesis` and JSON, heading, factor, format
+QUANTITIES = {  # of `AxisMetrics`: key in `pkm_core.thesis.results` and JSON, heading, factor, format
     'max_dynamic_error': ('max_dynamic_error_um', 'max dynamic error [um]', 1e6, '{:.1f}'),
     'settling_time_5um': ('settling_5um_ms', 'settling to 5 um [ms]', 1e3, '{:.1f}'),
     'settling_time_1um': ('settling_1um_ms', 'settling to 1 um [ms]', 1e3, '{:.1f}'),

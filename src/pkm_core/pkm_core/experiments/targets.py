@@ -12,11 +12,11 @@ from pkm_core.control.margins import stability_margins, worst_margins
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
 from pkm_core.experiments.condition import conditions, prepared
-from pkm_core.experiments.farm import measure
 from pkm_core.experiments.outcome import counted, spread, worst_axis
+from pkm_core.experiments.random_machines import drive_one
+from pkm_core.experiments.runs import measure
 from pkm_core.experiments.transfer import transfer
 from pkm_core.machines import load_machine
-from pkm_core.random_machines import drive_one
 
 UM = 1e6
 NAMES = {'four_dof': '4-DOF', 'planar': 'planar'}

@@ -8,9 +8,9 @@ from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
 from pkm_core.learning.training import training_motion
 from pkm_core.machines import load_machine
-from pkm_core.motions import Motion, Target, default_motion, load_motion, plan
-from pkm_core.simulation import run_cycles
-from pkm_core.trajectory import to_joints
+from pkm_core.motion.planning import Motion, Target, default_motion, load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
 
 CYCLES = 6  # of the training motion; the last of its updates hardly changes the parameters
 DAY_AFTER = 100  # added to the seed: the moves are driven after another power-up, with other noise

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pkm_core.bags import read_topics
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.reader import read_topics
 from pkm_core.errors import BagError
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.axis_data import AxisData, JointRecord
-from pkm_core.records import read_cycle
 
 _SAME = 1e-3  # sample times: two stamps closer than that are one
 _LARGEST_GAP = 10  # median sample times; what is longer is a hole, not jitter

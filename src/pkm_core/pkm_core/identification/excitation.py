@@ -16,7 +16,7 @@ from pkm_core.identification.axis_data import drive_limit, joint_number
 from pkm_core.identification.guard import Bounds
 from pkm_core.identification.path import Path
 from pkm_core.identification.sweep import Sweep, forecast, one_period
-from pkm_core.trajectory import SampledTrajectory, checked_joints
+from pkm_core.motion.trajectory import SampledTrajectory, checked_joints
 
 # (length [m], duration [s]) of the thesis's slow moves by mechanism and joint
 _MOVES = {

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pkm_core.design.figures import new_figure, save
 from pkm_core.identification.prediction import moving_stretches, predict
+from pkm_core.plotting import new_figure, save
 
 # numbers of the thesis's figures, in the order of the joints
 _MOVES = {'planar': ('7_9', '7_10'), 'four_dof': ('8_4', '8_5', '8_6', '8_7')}

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pkm_core.profiles import unit_profile
-from pkm_core.trajectory import SampledTrajectory
+from pkm_core.motion.profiles import unit_profile
+from pkm_core.motion.trajectory import SampledTrajectory
 
 
 class Path:

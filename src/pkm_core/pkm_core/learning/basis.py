@@ -27,7 +27,7 @@ from pkm_core.control.systems import plant_system
 from pkm_core.errors import LearningError
 from pkm_core.learning.law import Law, LawConfig
 from pkm_core.learning.regressors import forces
-from pkm_core.trajectory import SampledTrajectory
+from pkm_core.motion.trajectory import SampledTrajectory
 
 ROUNDING = 1e-6  # of the largest force; below, it is rounding of a joint that stands still
 

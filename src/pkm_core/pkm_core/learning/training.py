@@ -2,7 +2,7 @@
 
 from scipy.linalg import hadamard
 
-from pkm_core.motions import Motion, Target
+from pkm_core.motion.planning import Motion, Target
 
 
 def training_motion(machine, length=5e-3, move_time=70e-3):

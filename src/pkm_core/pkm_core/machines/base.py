@@ -82,7 +82,7 @@ class Machine(ABC):
     parameters : tuple of str
         Names of the entries of the vector p that `terms` takes.
     terms, rows : compiled functions
-        The kernel ``terms(q, qd, p, M, C, G)`` of pkm_core.dynamics and the same over the rows of histories.
+        The kernel ``terms(q, qd, p, M, C, G)`` of pkm_core.machines.dynamics and the same over the rows of histories.
     home : ndarray, shape (n,)
         Joint positions at power-up [m].
     sample_time, encoder_resolution, laser_sample_time, voltage_limit, thrust_per_volt : float

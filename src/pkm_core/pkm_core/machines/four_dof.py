@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pkm_core import dynamics
 from pkm_core.jet import stack, value
+from pkm_core.machines import dynamics
 from pkm_core.machines.base import Machine
 from pkm_core.machines.built import FourDofBuilt
 from pkm_core.machines.checks import check_between

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
-from pkm_core import dynamics
 from pkm_core.config import Config, Length
 from pkm_core.jet import stack, value
+from pkm_core.machines import dynamics
 from pkm_core.machines.base import (
     JointConfig,
     Machine,

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
-from pkm_core import dynamics
 from pkm_core.config import Config
+from pkm_core.machines import dynamics
 from pkm_core.machines.base import JointConfig, Machine, MachineConfig, PositiveMass
 
 

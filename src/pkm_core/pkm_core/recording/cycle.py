@@ -10,7 +10,7 @@ from shutil import rmtree
 
 import numpy as np
 
-from pkm_core.bag_writer import BagWriter
+from pkm_core.bag.writer import BagWriter
 from pkm_core.recording.topics import By
 
 _COMMAND = 'pkm_interfaces/msg/MotorCommand'

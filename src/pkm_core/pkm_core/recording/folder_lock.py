@@ -3,7 +3,7 @@
 import fcntl
 import os
 
-from pkm_core.bags import writable_folder
+from pkm_core.bag.reader import writable_folder
 from pkm_core.errors import BagError
 
 

@@ -15,8 +15,8 @@ from time import monotonic
 
 import numpy as np
 
+from pkm_core.bag.message_types import typestore
 from pkm_core.errors import BagError
-from pkm_core.message_types import typestore
 from pkm_core.recording.block import Block, numbers_at, rows, single
 from pkm_core.recording.cycle import CycleRecording
 from pkm_core.recording.preroll import PreRoll

@@ -3,7 +3,7 @@
 from enum import Enum
 from typing import NamedTuple
 
-from pkm_core.laser_clock import sample_numbers
+from pkm_core.machines.laser_clock import sample_numbers
 
 # [ticks] states of the machine go out at 100 Hz of simulated time
 STATES_EVERY = 20

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pkm_core.machines.checks import ANGLES
-from pkm_core.metrics import axis_metrics
+from pkm_core.motion.metrics import axis_metrics
 
 # [m] chosen; a rotation counts as the displacement on this radius, as it did for the thesis's laser on an unknown one
 ARM = 50e-3

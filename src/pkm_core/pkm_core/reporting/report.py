@@ -2,9 +2,9 @@
 
 from io import BytesIO
 
-from pkm_core.bags import writable_folder
+from pkm_core.bag.reader import writable_folder
 from pkm_core.errors import BagError
-from pkm_core.provenance import git_revision
+from pkm_core.recording.provenance import git_revision
 from pkm_core.reporting import figures
 from pkm_core.reporting.histories import ARM
 from pkm_core.reporting.page import figure_fragment, page, remark_fragment, table_fragment

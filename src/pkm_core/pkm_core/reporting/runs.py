@@ -4,9 +4,9 @@ import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.errors import BagError, PkmError
 from pkm_core.machines import load_machine
-from pkm_core.records import read_cycle
 
 
 @dataclass(frozen=True)

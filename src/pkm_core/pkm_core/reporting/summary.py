@@ -6,7 +6,7 @@ from math import isnan
 from rich.markup import escape
 from rich.table import Table
 
-from pkm_core.thesis import JOINT_SPACE
+from pkm_core.thesis.results import JOINT_SPACE
 
 
 def axis_figures(metrics):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from pkm_core.reporting.histories import end_point_histories, joint_histories, laser_histories
 from pkm_core.reporting.summary import axis_figures, first_and_last
-from pkm_core.thesis import END_POINT, JOINT_SPACE
+from pkm_core.thesis.results import END_POINT, JOINT_SPACE
 
 QUANTITIES = {  # how the quantities of `axis_figures` are called and rounded
     'max_dynamic_error_um': ('max dynamic error [um]', '{:.1f}'),

@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pkm_core.verbs.design_output import JsonOption, write_json
+from pkm_core.verbs.options import JsonOption, write_json
 
 
 def bag_doctor(
@@ -21,7 +21,7 @@ def bag_doctor(
 
     Example: `pkm bag-doctor runs/bags/four_dof_70ms_0003_20260101T120000`
     """
-    from pkm_core.bag_repair import repair
+    from pkm_core.bag.repair import repair
 
     console = Console()
     done = repair(path)

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import JsonOption, MachineOption, OutOption, SeedOption, folder, progress, write_json
+from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, SeedOption, folder, progress, write_json
 
 
 def budget(
@@ -37,8 +37,8 @@ def budget(
     from pkm_core.design.budget import linear_budget
     from pkm_core.design.budget_figures import draw_contributions, draw_distribution, draw_map
     from pkm_core.design.budget_monte_carlo import MACHINES_A_BLOCK, monte_carlo_budget, study_poses
-    from pkm_core.design.figures import units
     from pkm_core.design.tolerances import load_tolerances
+    from pkm_core.plotting import units
 
     console, model, out = Console(), load_machine(machine).drawing, folder(out)
     spreads = load_tolerances(tolerances)

@@ -5,7 +5,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import JsonOption, MachineOption, OutOption, folder, write_json
+from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, folder, write_json
 
 _ROWS = {  # heading: (key, factor, figure of the thesis)
     '-3 dB at \\[kHz]': ('corner_hz', 1e-3, '7.42'),
@@ -23,8 +23,8 @@ def drive_response(machine: MachineOption = 'four_dof', out: OutOption = None, j
 
     Example: `pkm drive-response --out runs/drive`
     """
-    from pkm_core.drive_response import draw, figures, sweep
-    from pkm_core.plant import Plant
+    from pkm_core.experiments.drive_response import draw, figures, sweep
+    from pkm_core.plant.plant import Plant
 
     console, model, out = Console(), load_machine(machine), folder(out)
     drive = Plant(model, 0, 'ideal').truth.drive

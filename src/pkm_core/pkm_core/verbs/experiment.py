@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pkm_core.errors import PkmError
-from pkm_core.verbs.design_output import JsonOption, OutOption, folder, write_json
+from pkm_core.verbs.options import JsonOption, OutOption, folder, write_json
 
 
 class What(StrEnum):
@@ -70,13 +70,13 @@ def experiment(
 
 
 def _study(console, what, arrangement, seeds, cycles, processes, cluster, out):
-    from pkm_core.control.executors import search_executor
     from pkm_core.experiments.condition import conditions, prepared
-    from pkm_core.experiments.farm import farm, measure
     from pkm_core.experiments.figures import plot_study
-    from pkm_core.experiments.graphs import graph_driver
+    from pkm_core.experiments.graph_driver import graph_driver
     from pkm_core.experiments.report import study_report
+    from pkm_core.experiments.runs import farm, measure
     from pkm_core.experiments.study import run_study
+    from pkm_core.parallel import search_executor
 
     def simulate(runs, cycles):
         tasks = [(measure, condition, seed, cycles) for condition, seed in runs]
@@ -96,10 +96,10 @@ def _study(console, what, arrangement, seeds, cycles, processes, cluster, out):
 
 
 def _targets(console, arrangement, seeds, cycles, processes, cluster):
-    from pkm_core.control.executors import search_executor
-    from pkm_core.experiments.farm import farm
     from pkm_core.experiments.report import targets_report
+    from pkm_core.experiments.runs import farm
     from pkm_core.experiments.targets import target_tasks, targets
+    from pkm_core.parallel import search_executor
 
     if arrangement is not Arrangement.simulation:
         raise PkmError(f'--arrangement: {arrangement.value} given; targets are driven in simulation')

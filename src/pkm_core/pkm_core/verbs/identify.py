@@ -5,10 +5,10 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pkm_core.commissioning.plan import POSITIONS, Request, plan
+from pkm_core.identification.plan import POSITIONS, Request, plan
 from pkm_core.identification.sweep import Sweep
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import (
+from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
@@ -64,9 +64,9 @@ def identify(
     from pkm_core.control.robust import load_control
     from pkm_core.identification.figures import draw_identification
     from pkm_core.identification.identify import identify_joint
-    from pkm_core.identification.loop import SimulatedCell
     from pkm_core.identification.model_file import write_model
     from pkm_core.identification.summary import as_figures, show
+    from pkm_core.simulation.experiment import SimulatedCell
 
     console, system, out = Console(), load_machine(machine), folder(out)
     believed, gains = load_model(system), load_control(system, control or None)

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import JsonOption, MachineOption, OutOption, folder, write_json
+from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, folder, write_json
 
 
 def identify_bag(

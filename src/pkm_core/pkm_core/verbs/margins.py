@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import JsonOption, MachineOption, folder, write_json
+from pkm_core.verbs.options import JsonOption, MachineOption, folder, write_json
 
 
 class Law(StrEnum):
@@ -105,8 +105,8 @@ def _torque_limits(console, system, gains, models, out):
     """Print and return the natural frequencies at which computed torque loses its margins, with and without modes."""
     import numpy as np
 
-    from pkm_core.control.torque_limits import limits_of, scan
-    from pkm_core.control.tuning_config import load_tuning
+    from pkm_core.tuning.config import load_tuning
+    from pkm_core.tuning.torque_limits import limits_of, scan
 
     config, tried = load_tuning(), np.arange(5.0, 150.5, 0.5)
     table = Table(title='natural frequency [Hz] up to which ...', title_justify='left')

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import JsonOption, MachineOption, OutOption, SeedOption, folder, progress, write_json
+from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, SeedOption, folder, progress, write_json
 
 
 def open_loop(
@@ -34,8 +34,8 @@ def open_loop(
 
     Example: `pkm open-loop --belts 100` shows how far belts let the platforms turn and the end point move.
     """
-    from pkm_core.open_loop import CASES, integrate, play
-    from pkm_core.open_loop_report import REFERENCE, draw, draw_belts, figures, write_csv
+    from pkm_core.experiments.open_loop import CASES, integrate, play
+    from pkm_core.experiments.open_loop_report import REFERENCE, draw, draw_belts, figures, write_csv
 
     console, model, out = Console(), load_machine(machine), folder(out)
     responses, results = {}, {}

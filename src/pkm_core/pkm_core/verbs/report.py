@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pkm_core.verbs.design_output import JsonOption, write_json
+from pkm_core.verbs.options import JsonOption, write_json
 
 
 def report(

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import (
+from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
@@ -99,7 +99,7 @@ def _table(title, *headings):
 
 
 def _objectives_table(study, printed):
-    from pkm_core.design.thesis_tables import OBJECTIVES
+    from pkm_core.thesis.tolerances import OBJECTIVES
 
     columns = [(variant, grid) for variant in ('thesis', 'true') for grid in ('middle', 'all')]
     headings = [f'em_{variant}\n{grid}' for variant, grid in columns]
@@ -118,7 +118,7 @@ def _objectives_table(study, printed):
 
 
 def _statistics_table(title, study, printed):
-    from pkm_core.design.thesis_tables import ERRORS, STATISTICS
+    from pkm_core.thesis.tolerances import ERRORS, STATISTICS
 
     design = study.designs[title]
     table = _table(

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import JsonOption, MachineOption, SeedOption, write_json
+from pkm_core.verbs.options import JsonOption, MachineOption, SeedOption, write_json
 
 
 def tune(
@@ -35,11 +35,11 @@ def tune(
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from pkm_core.control.executors import search_executor
     from pkm_core.control.margin_plots import model_loops, plot_margins
-    from pkm_core.control.thesis_tables import table_markdown
-    from pkm_core.control.tune import tune as run
-    from pkm_core.control.tuning_config import load_tuning
+    from pkm_core.parallel import search_executor
+    from pkm_core.thesis.gains import table_markdown
+    from pkm_core.tuning.config import load_tuning
+    from pkm_core.tuning.tune import tune as run
     from pkm_core.verbs.margins import margins_table
 
     console, system, config = Console(), load_machine(machine), load_tuning(tuning)

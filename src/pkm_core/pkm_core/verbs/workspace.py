@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.design_output import (
+from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,

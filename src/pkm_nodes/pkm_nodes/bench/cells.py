@@ -14,12 +14,12 @@ from urllib.request import urlopen
 
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
-from pkm_core.motions import default_motion
+from pkm_core.motion.planning import default_motion
 from pkm_interfaces.msg import CycleEvent, SampledTrajectory
 from pkm_nodes.bench.no_ros import LAW
-from pkm_nodes.client import CellClient
-from pkm_nodes.node import CYCLE_QOS
-from pkm_nodes.processes import CellProcesses
+from pkm_nodes.clients.cell_client import CellClient
+from pkm_nodes.clients.cell_processes import CellProcesses
+from pkm_nodes.runtime.node import CYCLE_QOS
 
 _SECOND = 1_000_000_000  # ns
 # what the cell tells of a cycle, and [s, wall] how long the last word may take

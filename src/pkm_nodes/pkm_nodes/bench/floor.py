@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from pkm_interfaces.msg import EncoderSample, MotorCommand
-from pkm_nodes.node import TICK_QOS
+from pkm_nodes.runtime.node import TICK_QOS
 
 # [s, wall] publishers and subscriptions of one process find each other at once; the rest is reserve
 _CONNECTED = 10.0

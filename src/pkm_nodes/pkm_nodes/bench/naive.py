@@ -6,7 +6,7 @@ from importlib import import_module
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from pkm_nodes.node import run
+from pkm_nodes.runtime.node import run
 
 
 def spin(nodes):
@@ -19,4 +19,4 @@ def spin(nodes):
 
 if __name__ == '__main__':
     name = sys.argv.pop(1)
-    sys.exit(run(import_module(f'pkm_nodes.{name}').make_nodes, spin=spin))
+    sys.exit(run(import_module(f'pkm_nodes.nodes.{name}').make_nodes, spin=spin))

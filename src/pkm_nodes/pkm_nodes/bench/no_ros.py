@@ -2,13 +2,13 @@
 
 from time import perf_counter, process_time
 
-from pkm_core.closed_chain import TICKS, MujocoChain, forces
 from pkm_core.control.robust import load_control
+from pkm_core.experiments.closed_chain import TICKS, MujocoChain, forces
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
-from pkm_core.motions import default_motion, load_motion, plan
-from pkm_core.simulation import run_cycles
-from pkm_core.trajectory import to_joints
+from pkm_core.motion.planning import default_motion, load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
 
 LAW = 'fourier_pid'
 

@@ -6,8 +6,8 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
-from pkm_core.description import joint_positions
 from pkm_core.errors import BagError
+from pkm_core.machines.description import joint_positions
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.page.trace import Trace, read_trace
 

@@ -1,8 +1,8 @@
-"""The machine in three dimensions: the tree of `pkm_core.description`, shifted and turned at its joints."""
+"""The machine in three dimensions: the tree of `pkm_core.machines.description`, shifted and turned at its joints."""
 
 import numpy as np
 
-from pkm_core.description import ROOT, base_boxes, joint_positions, links, local_frame
+from pkm_core.machines.description import ROOT, base_boxes, joint_positions, links, local_frame
 from pkm_nodes.page.cell import home_pose
 
 # [m] from the middle of the machine to the eye

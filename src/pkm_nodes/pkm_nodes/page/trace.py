@@ -7,7 +7,7 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from pkm_core.bags import bag_files
+from pkm_core.bag.reader import bag_files
 from pkm_core.errors import BagError
 
 # A serialized MotorCommand: CDR header, then the fields of the message, each aligned to its size. Read as one array,

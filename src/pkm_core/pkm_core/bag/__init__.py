@@ -1,0 +1,1 @@
+"""MCAP bags: reading, writing, repair, and the record of one cycle."""

@@ -1,0 +1,1 @@
+"""Motions: profiles, paths, planning and the metrics of a move."""

@@ -1,0 +1,241 @@
+"""
+Motions: what is to be driven, config/motions/<name>.yaml or a list of poses, and its plan as a pose trajectory.
+
+A motion leaves home, visits its targets in order and returns home, so that it can be repeated and learned. All joints
+of a move start and stop together: on the straight line between joint positions ('by', 'pose'), or so that the end point
+runs along a straight line or an arc. Every move has a rest before it (the learning signal may begin before the move,
+and the boundary of the cycle lies inside a rest) and one after it.
+"""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from pkm_core.config import Angle, Config, Length, Time, config_folder, find_config, load_config, read_yaml
+from pkm_core.errors import TrajectoryError, WorkspaceError
+from pkm_core.jet import Jet
+from pkm_core.machines.base import ROUNDING
+from pkm_core.machines.checks import ANGLES
+from pkm_core.motion.paths import Arc, Line
+from pkm_core.motion.profiles import PROFILES, MotionLimits, fixed_profile, limited_profile
+from pkm_core.motion.trajectory import DERIVATIVES, SampledTrajectory, checked_joints, with_derivatives
+
+LONGEST_CYCLE = 20.0  # [s] of moves and rests; a trajectory of that length is a message of 5 MB
+
+
+class Pose(Config):
+    """Pose of the end-effector; a machine takes the coordinates it has, no more and no less."""
+
+    x: Length
+    y: Length
+    z: Length | None = None
+    phi: Angle | None = None
+
+
+class ArcTarget(Config):
+    """An arc: where it ends, and a point it passes, of which phi is left out."""
+
+    to: Pose
+    via: Pose
+
+
+class Target(Config):
+    """Where a move ends, and how it gets there."""
+
+    by: dict[str, Length] | None = None  # from where the machine stands; a joint not named stays
+    pose: Pose | None = None  # straight for the joints
+    line: Pose | None = None  # straight for the end point
+    arc: ArcTarget | None = None
+
+    @model_validator(mode='after')
+    def _is_one_thing(self):
+        if sum(value is not None for _, value in self) != 1:
+            raise ValueError("a target is one of 'by' (joint displacements), 'pose', 'line', 'arc'")
+        return self
+
+
+class Motion(Config):
+    """A motion of one machine: home, the targets in order, home."""
+
+    machine: str
+    targets: Annotated[tuple[Target, ...], Field(min_length=1)]
+    move_time: Annotated[Time, Field(gt=0)] = 70e-3  # of every move, Tp of the thesis; unused with limits
+    limits: MotionLimits | None = None  # instead of a time: every move as fast as these allow
+    lead_rest: Annotated[Time, Field(ge=0)] = 20e-3  # before a move
+    settle_window: Annotated[Time, Field(gt=0)] = 80e-3  # after a move
+    profile: Literal[*PROFILES] = 'p7'
+
+    @model_validator(mode='after')
+    def _timing_is_clear(self):
+        if self.limits is not None and 'move_time' in self.model_fields_set:
+            raise ValueError("expected either 'move_time' or 'limits'")
+        if self.limits is None:
+            _check_duration(len(self.targets), self.move_time, self.lead_rest, self.settle_window)
+        if self.profile == 'ruckig':
+            limits = self.limits
+            if limits is None or None in (limits.speed, limits.acceleration, limits.jerk) or limits.snap is not None:
+                raise ValueError("profile 'ruckig' takes limits of speed, acceleration and jerk, no more and no less")
+        return self
+
+
+def _check_duration(targets, move_time, lead_rest, settle_window):
+    moves = targets + 1  # and home again
+    duration = moves * (move_time + lead_rest + settle_window)
+    if duration > LONGEST_CYCLE:
+        raise TrajectoryError(
+            f'move time is {move_time:g} s; with their rests the {moves} moves of a cycle take {duration:g} s, '
+            f'allowed {LONGEST_CYCLE:g} s'
+        )
+
+
+def load_motion(name_or_path):
+    """Return the `Motion` of config/motions/NAME.yaml or of a path."""
+    return load_config(find_config('motions', name_or_path), Motion)
+
+
+def poses_motion(machine, poses, move_time=None):
+    """
+    Return the `Motion` from home through `poses` and back home.
+
+    `poses` is (m, n), a row a pose in the order of `machine.coordinates` [m, rad]; `move_time` the duration of one
+    move [s], by default that of `Motion`.
+    """
+    poses, names = np.asarray(poses, dtype=np.float64), machine.coordinates
+    if poses.ndim != 2 or poses.shape[0] == 0 or poses.shape[1] != len(names):
+        raise TrajectoryError(f'poses have shape {poses.shape}; expected (m, {len(names)}), m >= 1')
+    if not np.isfinite(poses).all():
+        row, column = np.argwhere(~np.isfinite(poses))[0]
+        raise TrajectoryError(f'pose {row}: {names[column]} is {poses[row, column]}; expected a finite number')
+    default = {name: Motion.model_fields[name].default for name in ('move_time', 'lead_rest', 'settle_window')}
+    move_time = default['move_time'] if move_time is None else move_time
+    if not 0 < move_time < np.inf:
+        raise TrajectoryError(f'move time is {move_time} s; expected a positive number')
+    _check_duration(len(poses), move_time, default['lead_rest'], default['settle_window'])
+    targets = tuple(Target(pose=Pose(**dict(zip(names, row, strict=True)))) for row in poses.tolist())
+    return Motion(machine=machine.name, targets=targets, move_time=move_time)
+
+
+def plan(machine, motion):
+    """
+    Return the pose trajectory of one cycle of `motion`.
+
+    Raises
+    ------
+    TrajectoryError
+        If the motion is for another machine, names a joint or coordinate it lacks, a duration is no multiple of the
+        sample time, a path is none, or a joint exceeds the limit of speed or thrust.
+    WorkspaceError
+        If a target or a point of a path cannot be reached.
+
+    """
+    if motion.machine != machine.name:
+        raise TrajectoryError(f'motion is for {motion.machine}; the machine is {machine.name}')
+    joints = checked_joints(machine, _joint_trajectory(machine, motion))
+    return with_derivatives(joints, machine.coordinates, machine.forward(Jet.from_derivatives(*joints.derivatives())))
+
+
+def _joint_trajectory(machine, motion):
+    lead, settle = (_samples(machine, motion, name) for name in ('lead_rest', 'settle_window'))
+    rest = np.zeros((3, len(machine.joints)))
+    rows, starts, ends = [[] for _ in DERIVATIVES], [], []
+    position, done = machine.home, 0
+    for index, target in enumerate((*motion.targets, None)):
+        where = 'motion: way home' if target is None else f'motion: target {index}'
+        if target is None and np.abs(position - machine.home).max() < ROUNDING:
+            break  # the last target was home
+        move = _move(machine, motion, where, target, position)
+        samples = len(move[0]) - 1
+        starts.append(done + lead)
+        ends.append(done + lead + samples)
+        done = ends[-1] + settle
+        for column, values, standing in zip(rows, move, (None, *rest), strict=True):
+            before, after = (position, move[0][-1]) if standing is None else (standing, standing)
+            column += [np.tile(before, (lead, 1)), values[:-1], np.tile(after, (settle, 1))]
+        position = move[0][-1]
+    columns = (np.concatenate(parts) for parts in rows)
+    return SampledTrajectory(machine.sample_time, machine.joints, *columns, np.array(starts), np.array(ends))
+
+
+def _move(machine, motion, where, target, position):
+    """Return joint position, velocity, acceleration and jerk (m + 1, n) of one move from `position` (n,)."""
+    if target is not None and target.by is None and target.pose is None:
+        path = _path(machine, where, target, position)
+        duration, profile = _timing(machine, motion, where, path.length)
+        s = Jet.from_derivatives(*(shape / duration**order for order, shape in enumerate(profile)))
+        try:
+            return machine.inverse(path.at(s)).derivatives()
+        except WorkspaceError as error:
+            raise WorkspaceError(f'{where}: {error}') from None
+    end = machine.home if target is None else _target_joints(machine, where, target, position)
+    change = end - position
+    duration, profile = _timing(machine, motion, where, np.abs(change).max())
+    move = [shape[:, None] * change / duration**order for order, shape in enumerate(profile)]
+    return [position + move[0], *move[1:]]
+
+
+def _timing(machine, motion, where, distance):
+    """Return duration [s] and unit profile of a move over `distance` [m]."""
+    if motion.limits is None:
+        return motion.move_time, fixed_profile(motion.profile, _samples(machine, motion, 'move_time'))
+    if not distance > ROUNDING:
+        raise TrajectoryError(f'{where}: nothing moves by a length, so limits give no duration; give move_time')
+    samples, profile = limited_profile(motion.profile, motion.limits, distance, machine.sample_time)
+    return samples * machine.sample_time, profile
+
+
+def _samples(machine, motion, name):
+    """Return the duration `name` of `motion` in samples."""
+    duration = getattr(motion, name)
+    samples = round(duration / machine.sample_time)
+    if abs(samples * machine.sample_time - duration) > 1e-9:  # s; far below a sample, far above rounding
+        raise TrajectoryError(
+            f'motion: {name} is {duration * 1e3:g} ms; expected a multiple of {machine.sample_time * 1e3:g} ms'
+        )
+    return samples
+
+
+def _path(machine, where, target, position):
+    """Return the `Line` or `Arc` of a target."""
+    start = machine.forward(position)
+    lengths = [i for i, name in enumerate(machine.coordinates) if name not in ANGLES]
+    if target.line is not None:
+        return Line(start, _pose(machine, where, target.line), lengths)
+    via = target.arc.via.model_dump(exclude_none=True)
+    _check_names(f'{where}: via', via, [machine.coordinates[i] for i in lengths], exactly=True)
+    try:
+        return Arc(start, np.array(list(via.values())), _pose(machine, where, target.arc.to), lengths)
+    except TrajectoryError as error:
+        raise TrajectoryError(f'{where}: {error}') from None
+
+
+def _pose(machine, where, pose):
+    """Return the pose (m,) [m, rad] of a target; the machine can reach it."""
+    given = pose.model_dump(exclude_none=True)
+    _check_names(where, given, machine.coordinates, exactly=True)
+    pose = np.array([given[name] for name in machine.coordinates])
+    try:
+        machine.check_pose(pose)
+    except WorkspaceError as error:
+        raise WorkspaceError(f'{where}: {error}') from None
+    return pose
+
+
+def _target_joints(machine, where, target, position):
+    if target.pose is not None:
+        return machine.inverse(_pose(machine, where, target.pose))
+    _check_names(where, target.by, machine.joints, exactly=False)
+    return position + np.array([target.by.get(joint, 0.0) for joint in machine.joints])
+
+
+def _check_names(where, given, known, *, exactly):
+    if not set(given) <= set(known) or (exactly and set(given) != set(known)):
+        raise TrajectoryError(f'{where}: names {sorted(given)}; {"expected" if exactly else "known:"} {list(known)}')
+
+
+def default_motion(machine):
+    """Return the name of the motion the machine is measured with: the first of config/motions that is for it."""
+    for path in sorted((config_folder() / 'motions').glob('*.yaml')):
+        if read_yaml(path).get('machine') == machine.name:
+            return path.stem
+    raise TrajectoryError(f'no motion in {config_folder() / "motions"} is for machine {machine.name!r}')

@@ -1,0 +1,1 @@
+"""The closed loop without ROS: cycles and experiments on the simulated machine."""

@@ -1,0 +1,1 @@
+"""Figures printed in the thesis: results, gains and tolerances."""

@@ -1,0 +1,1 @@
+"""Search for the gains of the robust controllers by a genetic algorithm."""

@@ -1,0 +1,75 @@
+"""
+What is searched for when a robust controller is tuned: candidates, objective (7.30) and limits.
+
+    J = DGM + DPM + DCLBW + max|S| up to the wanted CLBW + D
+
+D of a margin is how far it falls short of its target, as a share of it. Kv, Ka, Kj do not enter: they follow from the
+model. (7.30) has no term for what a constant force does, and its search then drives KI and KP down; the last D is the
+rms position after a step of force, D = (w^2.5/K) sqrt(INT |P S/jw|^2 df) with w the wanted CLBW, made free of units.
+Margins and resonance peaks are limits, of the model and of every perturbed model.
+"""
+
+import numpy as np
+
+from pkm_core.control.filters import Lag, Notch
+from pkm_core.control.robust import RobustGains
+from pkm_core.tuning.evaluation import AxisFigures, by_name, violations
+
+_GUARD = 0.005  # share by which the search keeps away from its limits: its grid is coarser than that of the margins
+
+
+class TuningProblem:
+    """
+    One axis to tune: candidates are points u of the unit cube, even in the logarithm of `Bounds`.
+
+    Parameters
+    ----------
+    config : TuningConfig
+    model : AxisModel
+    sample_time : float
+        Ts [s].
+
+    """
+
+    limits = 9  # columns of `violations`
+
+    def __init__(self, config, model, sample_time):
+        self.config, self.model, self.sample_time = config, model, sample_time
+        bounds = np.log([bound for _, bound in config.bounds])
+        self._low, self._width = bounds[:, 0], bounds[:, 1] - bounds[:, 0]
+        self.parameters = self._low.size
+        self.figures = AxisFigures(
+            model, sample_time, bandwidth=config.targets.bandwidth, resonances_from=config.limits.resonances_from
+        )
+
+    def gains(self, u):
+        """Return the `RobustGains` at the point `u` (9,) of the unit cube."""
+        x = dict(zip(type(self.config.bounds).model_fields, np.exp(self._low + u * self._width).tolist(), strict=True))
+        kd = 2 * np.pi * x['speed_crossover'] / self.model.gain
+        kp = 2 * np.pi * x['derivative_zero'] * kd
+        return RobustGains(
+            kp=kp,
+            ki=2 * np.pi * x['integral_zero'] * kp,
+            kd=kd,
+            derivative_filter=1 / (2 * np.pi * x['derivative_pole']),
+            lag=Lag(pole=x['lag_pole'], zero=x['lag_pole'] * x['lag_ratio'], dc_gain=1.0),
+            notch=Notch(centre=x['notch_centre'], width=x['notch_width'], attenuation=x['notch_attenuation']),
+        )
+
+    def evaluate(self, points):
+        """Return the figures (m, COLUMNS) of the candidates `points` (m, 9)."""
+        return np.array([self.figures(self.gains(u)) for u in points])
+
+    def objective(self, figures):
+        """Return J (m,) of `figures` (m, COLUMNS)."""
+        f, targets = by_name(figures), self.config.targets
+        shortfall = (
+            np.maximum(0, 1 - f['gain_margin'] / targets.gain_margin)
+            + np.maximum(0, 1 - f['phase_margin'] / np.degrees(targets.phase_margin))
+            + np.maximum(0, 1 - np.nan_to_num(f['bandwidth']) / targets.bandwidth)
+        )
+        return shortfall + f['band_sensitivity'] + f['disturbance']
+
+    def violations(self, figures):
+        """Return how far (m, 9) `figures` (m, COLUMNS) are beyond the limits; allowed up to 0."""
+        return violations(figures, self.config.limits, guard=_GUARD)

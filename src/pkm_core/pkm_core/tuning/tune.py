@@ -1,0 +1,98 @@
+"""Tune the robust controllers of a machine: search, recommend, write the file the controllers load."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from pkm_core.control.margins import Margins
+from pkm_core.control.model import AxisModel, load_model
+from pkm_core.control.robust import RobustGains, load_control
+from pkm_core.errors import PkmError
+from pkm_core.thesis.gains import own_column
+from pkm_core.tuning.evaluation import COLUMNS
+from pkm_core.tuning.problem import TuningProblem
+from pkm_core.tuning.recommend import control_yaml, recommended
+from pkm_core.tuning.search import new_branches, read_branches, run_search, write_branches
+
+SEARCH_FILE = 'search.npz'
+
+
+@dataclass(frozen=True)
+class TunedAxis:
+    """What the search recommends for one joint."""
+
+    gains: RobustGains
+    model: AxisModel
+    margins: Margins
+    worst: Margins  # over the perturbed models
+    objective: float  # J
+    candidates: int
+    column: tuple  # as thesis_tables.own_column
+
+
+def tune(machine, config, seed, executor, folder, *, resume=None, on_progress=lambda branches: None):
+    """
+    Search gains for every joint of `machine`, write them as FOLDER/<machine>.yaml and return {joint: TunedAxis}.
+
+    FOLDER/search.npz holds every candidate with its figures (arrays JOINT/RESTART/points, .../figures, columns) and is
+    what an interrupted search goes on from: `resume` names one. The result depends on models, `config` and `seed` only.
+
+    Raises
+    ------
+    PkmError
+        If the file to resume is of another search, FOLDER holds a search that is not resumed, or no candidate of a
+        joint keeps the limits.
+
+    """
+    folder, models = Path(folder), load_model(machine)
+    problems = {joint: TuningProblem(config, model, machine.sample_time) for joint, model in models.items()}
+    identity = {
+        'machine': machine.name,
+        'seed': seed,
+        'models': _digest({joint: model.model_dump() for joint, model in models.items()}, machine.sample_time),
+        'figures': _digest(COLUMNS),
+        'config': _digest(config.model_dump(exclude={'search': {'generations', 'restarts'}})),
+    }
+    if resume is None and (folder / SEARCH_FILE).exists():
+        raise PkmError(f'{folder / SEARCH_FILE}: holds a search; resume it or name another folder')
+    branches = read_branches(resume, problems, identity) if resume else new_branches(problems)
+    folder.mkdir(parents=True, exist_ok=True)
+    run_search(
+        problems,
+        branches,
+        seed,
+        executor,
+        save=lambda found: write_branches(folder / SEARCH_FILE, found, identity),
+        on_progress=on_progress,
+    )
+    path = folder / f'{machine.name}.yaml'
+    designs = {
+        joint: recommended(problem, [branch for branch in branches if branch.joint == joint])
+        for joint, problem in problems.items()
+    }
+    path.write_text(control_yaml(machine.name, designs, f'pkm tune --machine {machine.name} --seed {seed}'), 'utf-8')
+    control = load_control(machine, str(path))
+    return {
+        joint: _summary(machine, control[joint], designs[joint], problems[joint], branches, joint)
+        for joint in machine.joints
+    }
+
+
+def _summary(machine, gains, design, problem, branches, joint):
+    _, margins, worst = design
+    figures = problem.figures(gains)[None]
+    band = float(figures[0, COLUMNS.index('band_sensitivity')])
+    return TunedAxis(
+        gains,
+        problem.model,
+        margins,
+        worst,
+        float(problem.objective(figures)[0]),
+        sum(len(branch.points) for branch in branches if branch.joint == joint),
+        own_column(machine, gains, problem.model, margins, band),
+    )
+
+
+def _digest(*parts):
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:12]

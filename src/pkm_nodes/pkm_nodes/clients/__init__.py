@@ -1,0 +1,1 @@
+"""Clients of a running cell, and the processes of a cell."""

@@ -1,0 +1,212 @@
+"""A client of the cell for scripts: waits until it is up, runs a motion, keeps the account of its cycles."""
+
+from dataclasses import dataclass, field
+from math import inf
+from pathlib import Path
+from time import monotonic
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import UInt64
+
+from pkm_core.errors import PkmError
+from pkm_interfaces.action import ExecuteMotion
+from pkm_interfaces.msg import CycleEvent
+from pkm_interfaces.srv import SaveLearned
+from pkm_nodes.clients.replacements import Substitutes
+from pkm_nodes.graph import NAMESPACE
+from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.parts.presence import Presence
+from pkm_nodes.runtime.node import TICK_QOS, PkmNode
+
+# [s, wall] starting ten processes on a busy two-core machine took 20 s; the rest is reserve
+_UP_TIMEOUT = 90.0
+# [s, wall] until somebody who takes the place of a node is said to be missing
+_PATIENCE = 5.0
+# [s, wall] from the death of a process to the end of the goal: a machine is given up after 20 s, the rest is reserve
+_DEATH_TIMEOUT = 40.0
+# [s, wall] from the last tick to the closed bag
+_RECORDED_TIMEOUT = 10.0
+
+
+@dataclass
+class CycleLog:
+    """What the machine and the recorder said about the cycles of one motion."""
+
+    ticks: int = 0
+    seconds_in_cycles: float = 0.0  # wall time between first and last tick, summed over the cycles
+    seconds: float = 0.0  # wall time from the first tick of the first to the last tick of the last cycle
+    bags: list[Path] = field(default_factory=list)
+    unrecorded: list[str] = field(default_factory=list)  # why a cycle has no bag
+    notices: list[str] = field(default_factory=list)  # what the cell has changed by itself, with the cycle
+
+
+class CellClient:
+    """Talks to the running cell in `namespace`; use it in a ``with`` block. It owns rclpy's default context."""
+
+    def __init__(self, namespace=NAMESPACE):
+        self._namespace = namespace
+
+    def __enter__(self):
+        rclpy.init()
+        self._node = PkmNode('pkm_run', namespace=self._namespace)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
+        self._begin_log()
+        subscribe_events(self._node, self._on_event)
+        return self
+
+    def __exit__(self, *_):
+        self._client.destroy()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _begin_log(self):
+        self._log, self._of_goal = CycleLog(), set()  # and the cycles it is of
+        self._started = self._first = None
+
+    def _on_event(self, event):
+        now = monotonic()
+        if event.event == CycleEvent.STARTED:
+            self._started, self._started_tick = now, event.tick
+            self._of_goal.add(event.cycle)
+            self._first = self._first or now
+        elif event.event in (CycleEvent.FINISHED, CycleEvent.FAULT) and self._started is not None:
+            self._log.ticks += event.tick - self._started_tick
+            self._log.seconds_in_cycles += now - self._started
+            self._log.seconds = now - self._first
+            self._started = None
+        elif event.event == CycleEvent.RECORDED and event.cycle in self._of_goal:
+            self._log.bags.append(Path(event.message))
+        elif event.event == CycleEvent.NOT_RECORDED:
+            self._log.unrecorded.append(f'cycle {event.cycle} is not recorded: {event.message}')
+        elif event.event == CycleEvent.NOTICE:
+            self._log.notices.append(f'cycle {event.cycle}: {event.message}')
+
+    def _spin_until(self, condition, check, timeout, what):
+        """Serve ROS until `condition()`; `check()` may raise at any time."""
+        if not self._comes_true(condition, check, timeout):
+            raise PkmError(f'{what} within {timeout:.0f} s')
+
+    def _comes_true(self, condition, check, timeout):
+        """Serve ROS until `condition()`, for so long [s]; tell whether it has come true."""
+        deadline = monotonic() + timeout
+        while not condition():
+            self._executor.spin_once(timeout_sec=0.1)
+            check()
+            if monotonic() > deadline:
+                return False
+        return True
+
+    def wait_until_up(self, check):
+        """Wait for the cell's action server; refuse to share a graph with another cell."""
+        self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
+        namespace = self._node.get_namespace()
+        machines = self._node.get_node_names_and_namespaces().count(('machine', namespace))
+        if machines > 1:
+            raise PkmError(
+                f'{machines} machines run in {namespace}; stop the other cell, or give this one another namespace'
+            )
+
+    def wait_for_others(self, cell, tell):
+        """
+        Wait for whoever takes the place of the nodes that `cell`, a `CellProcesses`, leaves out.
+
+        After a moment `tell(text)` says once who is missing. A machine that is not ours need not wait for the recorder:
+        then this does. Return what to call from then on in the place of `cell.check`: it notices when one of them goes.
+
+        Raises
+        ------
+        PkmError
+            If somebody is missing still, or a process of the cell has ended.
+
+        """
+        substitutes = Substitutes(self._node, cell)
+
+        def complete():
+            return not substitutes.missing()
+
+        if not self._comes_true(complete, cell.check, _PATIENCE):
+            tell(substitutes.describe_missing())
+            if not self._comes_true(complete, cell.check, _UP_TIMEOUT):
+                raise PkmError(f'{substitutes.describe_missing()}\nnobody came within {_UP_TIMEOUT:.0f} s')
+        running = [spec.name for spec in cell.nodes]
+        if 'recorder' in running and 'machine' not in running:
+            words = []
+            subscription = self._node.create_subscription(UInt64, 'recorder/tick', words.append, TICK_QOS)
+            late = 'the recorder did not find every encoder and command'
+            self._spin_until(lambda: words, cell.check, _UP_TIMEOUT, late)
+            self._node.destroy_subscription(subscription)
+        return substitutes.check
+
+    def execute(self, motion, cycles, law, check, on_feedback, *, learned='', record=True):
+        """
+        Run `motion` and return the `CycleLog` once the last bag is closed, if there is a recorder to `record` it.
+
+        A cycle that cannot be recorded ends the goal: nobody wants to wait for hundreds more.
+        `learned` names a file of learned feedforward to begin with.
+
+        Raises
+        ------
+        PkmError
+            If the goal ends early; the text is the cell's own.
+
+        """
+        goal = ExecuteMotion.Goal(motion=str(motion), cycles=cycles, learning_law=law, learned=str(learned))
+        self._begin_log()
+        self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
+        sent = self._client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
+        self._spin_until(sent.done, check, _UP_TIMEOUT, 'the cell did not answer the goal')
+        answer = self._wait_for_result(sent.result(), 'execute_motion', check, lambda: bool(self._log.unrecorded))
+        if self._log.unrecorded or answer.status != GoalStatus.STATUS_SUCCEEDED:
+            reason = next(iter(self._log.unrecorded), answer.result.message)
+            raise PkmError(f'after {answer.result.cycles_completed} of {cycles} cycles: {reason}')
+        self._spin_until(
+            lambda: not record or self._log.unrecorded or len(self._log.bags) >= cycles,
+            check,
+            _RECORDED_TIMEOUT,
+            f'the recorder has not closed all {cycles} bags',
+        )
+        if self._log.unrecorded:
+            raise PkmError(self._log.unrecorded[0])
+        return self._log
+
+    def _wait_for_result(self, goal, action, check, is_enough=lambda: False):
+        """
+        Return the answer to a `goal` handle of `action`; it is cancelled when `is_enough()`.
+
+        Raises
+        ------
+        PkmError
+            If a process has ended, see `check`, or whoever offers the action: a goal of theirs would never end.
+
+        """
+        answer, server = goal.get_result_async(), Presence(self._node, f'{action}/_action/status')
+
+        def over():
+            return answer.done() or server.has_ended()
+
+        try:
+            self._spin_until(lambda: over() or is_enough(), check, inf, '')
+            if not over():
+                goal.cancel_goal_async()
+                self._spin_until(over, check, inf, '')
+        except PkmError as death:
+            # a machine that misses the answers of a process that has ended stops safely, and says so
+            self._spin_until(over, lambda: None, _DEATH_TIMEOUT, f'{death}\nand the goal did not end')
+            raise PkmError(f'{death}\n{answer.result().result.message if answer.done() else ""}'.rstrip()) from None
+        if not answer.done():
+            raise PkmError(f'the node that offered {action} is gone, and the goal with it')
+        return answer.result()
+
+    def save_learned(self, path, check):
+        """Have the cell save the best of what it has learned last; `PkmError` if it refuses."""
+        client = self._node.create_client(SaveLearned, 'learning/save')
+        answer = client.call_async(SaveLearned.Request(path=str(path)))
+        self._spin_until(answer.done, check, _UP_TIMEOUT, f'{client.srv_name} did not answer')
+        self._node.destroy_client(client)
+        if not answer.result().success:
+            raise PkmError(answer.result().message)

@@ -1,0 +1,90 @@
+"""The bench of `commission` in the graph: a cell of real nodes around the simulated machine."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.commissioning.measured import MeasuredResponse
+from pkm_core.commissioning.procedure import Identified
+from pkm_core.errors import PkmError
+from pkm_core.identification.plan import Request
+from pkm_core.machines import load_machine
+from pkm_nodes.clients.cell_processes import CellProcesses
+from pkm_nodes.clients.identify_client import IdentifyClient
+from pkm_nodes.verbs.identify_cell import goal_of
+
+
+class CellBench:
+    """
+    A cell whose controllers take up the files that are installed when they are told to; use it in a ``with`` block.
+
+    Parameters
+    ----------
+    machine, motion : str
+        Name or file.
+    arrangement, seed, environment
+        As for `CellProcesses`.
+    folder : Path
+        Gets a folder a start of the cell: bags, models, what the processes print.
+
+    """
+
+    def __init__(self, machine, motion, arrangement, *, seed, environment, folder):
+        self._name, self._motion, self._folder = machine, motion, Path(folder)
+        self._options = {'arrangement': arrangement, 'seed': seed, 'environment': environment}
+        self._joints = load_machine(machine).joints
+        self._stack, self._is_well = ExitStack(), False
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._stack.close()
+
+    def start(self, name):
+        """Start the cell; one that runs and is well goes on, and its controllers take up what is installed now."""
+        if self._is_well:
+            self._is_well = False  # one that refuses leaves some with the old and some with the new
+            self._client.reload(self._joints, self._processes.check)
+            self._is_well = True
+            return
+        self._stack.close()
+        self._processes = self._stack.enter_context(
+            CellProcesses(self._name, folder=self._folder / name, **self._options)
+        )
+        self._client = self._stack.enter_context(IdentifyClient())
+        self._client.wait_until_up(self._processes.check)
+        self._is_well = True
+
+    def identify(self, on_step):
+        """Return the `Identified` axes."""
+
+        def on_feedback(feedback):
+            on_step(f'identifying: {feedback.experiment or "fits"}', feedback.progress)
+
+        result = self._client.identify(goal_of(Request()), self._processes.check, on_feedback)
+        responses = {fit.joint: [_response(each) for each in fit.responses] for fit in result.fits}
+        return Identified(Path(result.model_file), responses, list(result.warnings))
+
+    def move(self, cycles, law, on_step):
+        """Return the metrics of `cycles` cycles of the motion."""
+
+        def on_feedback(feedback):
+            worst = 1e6 * max(feedback.max_dynamic_error)
+            on_step(f'{self._motion}, law {law}: worst axis {worst:.1f} um', feedback.cycle / cycles)
+
+        try:
+            log = self._client.execute(self._motion, cycles, law, self._processes.check, on_feedback)
+        except PkmError:
+            self._is_well = False  # it may stand in a safe stop, or a process may have ended
+            raise
+        return [read_cycle(path).metrics() for path in log.bags]
+
+
+def _response(message):
+    """Return the `MeasuredResponse` of an AxisResponse message."""
+    plant = np.array(message.real) + 1j * np.array(message.imag)
+    frequency, coherence = np.array(message.frequency), np.array(message.coherence)
+    return MeasuredResponse(message.name, message.position, frequency, plant, coherence)

@@ -1,0 +1,42 @@
+"""Experiments on the real graph: every run of `pkm experiment` is a cell of its own, from power-up to its bags."""
+
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.reader import writable_folder
+from pkm_core.experiments.condition import prepared
+from pkm_core.experiments.outcome import outcome
+from pkm_core.learning.store import Learned, origin_of, save
+
+
+def drive(runs, cycles, arrangement, folder, on_done):
+    """Return the `Outcome`s of `runs`, see `pkm_core.experiments.graph_driver.graph_driver`."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    outcomes = []
+    with TemporaryDirectory(prefix='pkm_experiment_') as scratch:
+        for condition, seed in runs:
+            name = '_'.join((condition.name.replace(' ', '_'), condition.environment, str(seed)))
+            place = writable_folder((Path(scratch) if folder is None else folder / 'runs') / name)
+            records, notices = _run(condition, seed, condition.settled + cycles, arrangement, place)
+            outcomes.append(outcome(condition, seed, records, notices, prepared(condition).machine))
+            on_done(len(outcomes), name)
+    return outcomes
+
+
+def _run(condition, seed, cycles, arrangement, folder):
+    """Return the `CycleRecord`s of a run and what the cell noticed."""
+    from pkm_nodes.clients.cell_client import CellClient
+    from pkm_nodes.clients.cell_processes import CellProcesses
+
+    machine, motion, _, joints, control, _, start = prepared(condition)
+    learned = ''
+    if start is not None:
+        learned = folder.resolve() / 'design.npz'
+        save(learned, Learned(origin_of(machine, motion, 'design', control, joints), start, {}))
+    cell_options = {'control': condition.control, 'seed': seed, 'environment': condition.environment}
+    with CellProcesses(condition.machine, arrangement, **cell_options, folder=folder) as cell, CellClient() as client:
+        client.wait_until_up(cell.check)
+        log = client.execute(motion, cycles, condition.law, cell.check, lambda feedback: None, learned=learned)
+    return [read_cycle(path) for path in log.bags], log.notices

@@ -1,0 +1,59 @@
+"""A client of the cell that can also have its axes identified."""
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from std_srvs.srv import Trigger
+
+from pkm_core.errors import PkmError
+from pkm_interfaces.action import Identify
+from pkm_nodes.clients.cell_client import CellClient
+
+# [s, wall] to find the action server in a cell that is up, and for its answer to a goal
+_ANSWER_TIMEOUT = 30.0
+
+
+class IdentifyClient(CellClient):
+    """Talks to a running cell; use it in a ``with`` block. It owns rclpy's default context."""
+
+    def __enter__(self):
+        super().__enter__()
+        self._identify = ActionClient(self._node, Identify, 'identify')
+        return self
+
+    def __exit__(self, *arguments):
+        self._identify.destroy()
+        super().__exit__(*arguments)
+
+    def reload(self, joints, check):
+        """Have the running controllers take up what the configuration has now; `PkmError` with all refusals."""
+        refusals = []
+        for name in (*(f'{joint}/reload' for joint in joints), 'learning/reload', 'trajectory_generator/reload'):
+            client = self._node.create_client(Trigger, name)
+            self._spin_until(client.service_is_ready, check, _ANSWER_TIMEOUT, f'the cell did not offer {name}')
+            answer = client.call_async(Trigger.Request())
+            self._spin_until(answer.done, check, _ANSWER_TIMEOUT, f'{client.srv_name} did not answer')
+            self._node.destroy_client(client)
+            if not answer.result().success:
+                refusals.append(answer.result().message)
+        if refusals:
+            raise PkmError('; '.join(refusals))
+
+    def identify(self, goal, check, on_feedback):
+        """
+        Return the `Identify.Result` of `goal`.
+
+        `check()` raises when a process of the cell has ended; `on_feedback` gets every `Identify.Feedback`.
+
+        Raises
+        ------
+        PkmError
+            If the goal is refused or ends early; the text is the cell's own.
+
+        """
+        self._spin_until(self._identify.server_is_ready, check, _ANSWER_TIMEOUT, 'the cell did not offer identify')
+        sent = self._identify.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
+        self._spin_until(sent.done, check, _ANSWER_TIMEOUT, 'the cell did not answer the goal')
+        answer = self._wait_for_result(sent.result(), 'identify', check)
+        if answer.status != GoalStatus.STATUS_SUCCEEDED:
+            raise PkmError(answer.result.message)
+        return answer.result

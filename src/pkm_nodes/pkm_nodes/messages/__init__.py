@@ -1,0 +1,1 @@
+"""Conversion between messages, bytes and arrays."""

@@ -1,0 +1,131 @@
+"""Messages to arrays and back."""
+
+from array import array
+
+import numpy as np
+from builtin_interfaces.msg import Time
+
+from pkm_core.errors import TrajectoryError
+from pkm_core.motion.trajectory import DERIVATIVES, SampledTrajectory
+from pkm_interfaces.msg import AxisFit, AxisResponse
+from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
+
+# learning_law of a cycle of identification, see SampledTrajectory.msg
+IDENTIFY = 'identify'
+
+
+def time_of_tick(tick, sample_time):
+    """Return the simulated time of `tick` as builtin_interfaces/Time."""
+    nanoseconds = nanoseconds_of_tick(tick, sample_time)
+    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def nanoseconds_of_tick(tick, sample_time):
+    """Return the simulated time of `tick` in whole nanoseconds."""
+    return tick * round(sample_time * 1e9)
+
+
+def trajectory_to_msg(trajectory, *, cycle, motion, learning_law, feedforward=None):
+    """Return `trajectory` as a message for `cycle`; `feedforward` (N, joints) [V] is what it begins with."""
+    message = SampledTrajectoryMessage(
+        cycle=cycle,
+        motion=motion,
+        learning_law=learning_law,
+        sample_time=trajectory.sample_time,
+        coordinates=list(trajectory.coordinates),
+        move_starts=[int(i) for i in trajectory.move_starts],
+        move_ends=[int(i) for i in trajectory.move_ends],
+    )
+    for name in DERIVATIVES:
+        setattr(message, name, _doubles(getattr(trajectory, name)))
+    if feedforward is not None:
+        message.feedforward = _doubles(feedforward)
+    return message
+
+
+def feedforward_from_msg(message, shape):
+    """
+    Return the learned feedforward `shape` (N, joints) [V] a trajectory message begins with, or None.
+
+    Raises
+    ------
+    TrajectoryError
+        If it has another length, or a value is not finite.
+
+    """
+    if not message.feedforward:
+        return None
+    where, feedforward = f'trajectory of cycle {message.cycle}', np.array(message.feedforward)
+    if feedforward.size != shape[0] * shape[1]:
+        raise TrajectoryError(f'{where}: {feedforward.size} feedforward values; expected {shape[0]} x {shape[1]}')
+    if not np.isfinite(feedforward).all():
+        raise TrajectoryError(f'{where}: a feedforward value is not finite')
+    return feedforward.reshape(shape)
+
+
+def trajectory_from_msg(message, *, coordinates, sample_time):
+    """
+    Return the trajectory in `message`.
+
+    Raises
+    ------
+    TrajectoryError
+        If it is not one for `coordinates` at `sample_time`, its arrays do not fit together, or a value is not finite.
+
+    """
+    where = f'trajectory of cycle {message.cycle}'
+    if tuple(message.coordinates) != tuple(coordinates):
+        raise TrajectoryError(f'{where}: has coordinates {list(message.coordinates)}; expected {list(coordinates)}')
+    if message.sample_time != sample_time:
+        raise TrajectoryError(f'{where}: has a sample time of {message.sample_time} s; expected {sample_time} s')
+    columns, arrays = len(coordinates), {}
+    for name in DERIVATIVES:
+        values = np.frombuffer(getattr(message, name), dtype=float)
+        if len(values) == 0 or len(values) % columns:
+            raise TrajectoryError(f'{where}: {len(values)} {name} values; expected a multiple of {columns} columns')
+        arrays[name] = values.reshape(-1, columns)
+    try:
+        return SampledTrajectory(
+            sample_time=message.sample_time,
+            coordinates=tuple(coordinates),
+            move_starts=np.array(message.move_starts, dtype=int),
+            move_ends=np.array(message.move_ends, dtype=int),
+            **arrays,
+        )
+    except TrajectoryError as error:
+        raise TrajectoryError(f'cycle {message.cycle}: {error}') from None
+
+
+def fit_to_msg(found):
+    """Return an `AxisIdentification` as a message."""
+    low, high = found.low, found.high
+    message = AxisFit(
+        joint=found.joint,
+        gain=low.gain,
+        viscosity=low.viscosity,
+        covariance=low.covariance.ravel(),
+        fit_percent=low.fit_percent,
+        response_fit_percent=found.high_percent,
+        responses=[
+            AxisResponse(
+                name=response.name,
+                position=response.position,
+                frequency=_doubles(response.frequency),
+                real=_doubles(response.plant.real),
+                imag=_doubles(response.plant.imag),
+                deviation=_doubles(response.deviation),
+                coherence=_doubles(response.coherence),
+            )
+            for response in found.responses
+        ],
+    )
+    if high is not None:
+        names = ('resonance', 'resonance_damping', 'antiresonance', 'antiresonance_damping')
+        for name, values in zip(names, high.modes.T, strict=True):
+            setattr(message, name, _doubles(values))
+        message.mode_covariance = _doubles(high.covariance)
+    return message
+
+
+def _doubles(values):
+    return array('d', np.ascontiguousarray(values, dtype=float).tobytes())

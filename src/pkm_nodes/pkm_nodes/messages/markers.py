@@ -1,0 +1,42 @@
+"""The links of a machine as visualization_msgs/MarkerArray, for tools that take no URDF."""
+
+from geometry_msgs.msg import Vector3
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pkm_core.machines.description import ROOT, base_boxes, frames, links, moved
+from pkm_nodes.messages.template import POSE, STAMP, Template
+
+
+class LinkMarkers:
+    """Turns joint positions into one CUBE marker a box of `pkm_core.machines.description`."""
+
+    def __init__(self, machine):
+        self._links = links(machine)
+        boxes = {ROOT: base_boxes(machine)} | {link.name: link.boxes for link in self._links}
+        self._boxes = [(name, number, box) for name, of_link in boxes.items() for number, box in enumerate(of_link)]
+        self._template = Template(MarkerArray(markers=[_marker(*box) for box in self._boxes]))
+
+    def message(self, nanoseconds, positions):
+        """Return the MarkerArray of a time [ns] and `positions` (of `joint_positions`) as bytes, in the base frame."""
+        found = frames(self._links, positions)
+        numbers = []
+        for name, _, box in self._boxes:
+            turn, origin = found[name]
+            numbers += (*moved(turn, origin, box.centre), *turn[1:], turn[0])
+        return self._template.filled(numbers, nanoseconds)
+
+
+def _marker(name, number, box):
+    """Return the marker of a box whose time and pose are yet to come."""
+    red, green, blue = box.colour
+    return Marker(
+        header=Header(stamp=STAMP, frame_id=ROOT),
+        ns=name,
+        id=number,
+        type=Marker.CUBE,
+        action=Marker.ADD,
+        pose=POSE,
+        scale=Vector3(**dict(zip('xyz', box.size, strict=True))),
+        color=ColorRGBA(r=red, g=green, b=blue, a=1.0),
+    )

@@ -1,0 +1,1 @@
+"""The executables of `ros2 run`, one node per file."""

@@ -1,0 +1,67 @@
+"""The whole cell in one process: the nodes of graph.py around one machine, in one lock-step executor."""
+
+import sys
+
+from rclpy.parameter import Parameter
+
+from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, names_in
+from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
+from pkm_nodes.nodes.identification import IdentificationNode
+from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
+from pkm_nodes.nodes.joint_controller import JointControllerNode
+from pkm_nodes.nodes.learning import LearningNode
+from pkm_nodes.nodes.machine import MachineNode
+from pkm_nodes.nodes.recorder import RecorderNode
+from pkm_nodes.nodes.state_estimator import StateEstimatorNode
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.runtime.node import PkmNode, run
+
+NODES = {
+    'machine': MachineNode,
+    'trajectory_generator': TrajectoryGeneratorNode,
+    'inverse_kinematics': InverseKinematicsNode,
+    'joint_controller': JointControllerNode,
+    'computed_torque_controller': ComputedTorqueControllerNode,
+    'state_estimator': StateEstimatorNode,
+    'learning': LearningNode,
+    'identification': IdentificationNode,
+    'recorder': RecorderNode,
+}
+
+
+class CellNode(PkmNode):
+    """Holds the parameters of the composed cell."""
+
+    def __init__(self, **kwargs):
+        super().__init__('cell', **kwargs)
+        self.specs = cell_nodes(
+            self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'),
+            control=self.setting('control', 'robust', "'robust', 'computed_torque', a file of config, or a YAML file"),
+            seed=self.setting('seed', 1, 'seed of everything random in the machine'),
+            environment=self.setting('environment', 'nominal', ENVIRONMENTS),
+            folder=self.setting('folder', 'bags', "folder of the recorder's bags"),
+            record=self.setting('record', True, 'run a recorder, and let the machine wait for it'),
+            without=names_in(self.setting('without', '', WITHOUT)),
+        )
+        self.check_settings()
+
+
+def make_nodes():
+    """Return all nodes of the cell."""
+    nodes = [CellNode()]
+    use_sim_time = nodes[0].get_parameter('use_sim_time').value
+    for spec in nodes[0].specs:
+        parameters = {'use_sim_time': use_sim_time, **spec.parameters}
+        named = {} if spec.name == spec.executable else {'name': spec.name}
+        if spec.executable == 'recorder':
+            named['neighbours'] = nodes
+        node = NODES[spec.executable](
+            parameter_overrides=[Parameter(key, value=value) for key, value in parameters.items()], **named
+        )
+        nodes += [node, *getattr(node, 'parts', [])]
+    return nodes
+
+
+def main(args=None):
+    """Run the composed cell."""
+    sys.exit(run(make_nodes, args))

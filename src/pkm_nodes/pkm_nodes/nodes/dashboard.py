@@ -1,0 +1,271 @@
+"""
+Node `dashboard`: the live page of a cell, a client like any other; see `pkm page`.
+
+It listens to what the cell says anyway and to nothing of the servo tick. ROS is served `_RATE` times a second instead
+of whenever a message comes: of pose and joint_states, which come hundreds of times a second, only the latest is taken,
+and the cell keeps the processor for itself.
+"""
+
+import os
+import sys
+from contextlib import suppress
+from math import atan2
+from time import monotonic, sleep
+
+import numpy as np
+import rclpy
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
+from pkm_interfaces.action import ExecuteMotion
+from pkm_interfaces.msg import CycleMetrics, PlatformPose, SampledTrajectory
+from pkm_nodes.graph import cell_nodes
+from pkm_nodes.page.cell import Cell, NodeLine, Notice, Status, home_pose
+from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, RCLError
+
+# [1/s, wall] how often ROS is served and the page brought up to date
+_RATE = 15.0
+# [s, wall] silence after which a machine counts as gone: it publishes diagnostics every second
+_SILENCE = 5.0
+# the latest of a state that comes far more often than it is looked at
+_LATEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class DashboardNode(PkmNode):
+    """Keeps a `Cell` up to date and turns buttons into goals and service calls."""
+
+    def __init__(self, **kwargs):
+        super().__init__('dashboard', **kwargs)
+        self.host = self.setting('host', '127.0.0.1', "address the page listens on; '0.0.0.0' lets other hosts in")
+        self.port = self.setting('port', 8080, 'port of the page')
+        self.check_settings()
+        self.cell = Cell(namespace=self.get_namespace())
+        self._machine_name = None  # as the cell's parameter says: a name of config/machines or a file
+        self._expected = []  # names of its nodes
+        self._of_machine = []  # subscriptions that depend on its joints
+        self._diagnosed = {}  # DiagnosticStatus by node
+        self._heard = -_SILENCE  # when the machine was heard last
+        self._ticks = None  # (wall time, tick) of its last diagnostics
+        self._asked = None  # the question for the machine's name, when it was last asked
+        self._execute = ActionClient(self, ExecuteMotion, 'execute_motion')
+        self._cancel = self.create_client(CancelGoal, 'execute_motion/_action/cancel_goal')
+        self._reset = self.create_client(Trigger, 'machine/reset')
+        self._machine_parameters = self.create_client(GetParameters, 'machine/get_parameters')
+        subscribe_events(self, self._on_event)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self.create_subscription(PoseStamped, 'pose', self._on_pose, _LATEST_QOS)
+        self.create_subscription(JointState, 'joint_states', self._on_joints, _LATEST_QOS)
+        self.create_subscription(SampledTrajectory, 'pose_trajectory', self._on_trajectory, CYCLE_QOS)
+        self.create_timer(1.0, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def fulfil(self, wish):
+        """Do what a button asks for: ('run', motion, cycles, law), ('visit', offsets), ('stop',) or ('reset',)."""
+        {'run': self._run, 'visit': self._visit, 'stop': self._stop, 'reset': self._reset_machine}[wish[0]](*wish[1:])
+
+    # what the buttons do
+
+    def _run(self, motion, cycles, law):
+        self._send(ExecuteMotion.Goal(motion=motion, cycles=cycles, learning_law=law), f'{motion}, law {law}')
+
+    def _visit(self, offsets):
+        home = home_pose(self.cell.machine)
+        pose = PlatformPose(**{name: home[name] + offset for name, offset in offsets.items()})
+        self._send(ExecuteMotion.Goal(poses=[pose], cycles=1), 'visit')
+
+    def _send(self, goal, name):
+        if not self._execute.server_is_ready():
+            self._notice(f'{name}: no trajectory_generator offers execute_motion', good=False)
+            return
+        self._notice(f'{name}: sent')
+
+        def on_feedback(message):
+            self._notice(f'{name}: cycle {message.feedback.cycle} of {goal.cycles} done')
+
+        def on_result(future):
+            answer = future.result()
+            good = answer.status in (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED)
+            self._notice(f'{name}: {answer.result.message or "done"}', good=good)
+
+        sent = self._execute.send_goal_async(goal, feedback_callback=on_feedback)
+        sent.add_done_callback(lambda future: future.result().get_result_async().add_done_callback(on_result))
+
+    def _stop(self):
+        """Cancel every goal, also that of another client: an empty request names them all."""
+        if not self._cancel.service_is_ready():
+            self._notice('stop: no trajectory_generator offers execute_motion', good=False)
+            return
+
+        def on_answer(future):
+            count = len(future.result().goals_canceling)
+            self._notice(f'stop: {count} goal(s) end after this cycle' if count else 'stop: no goal is running')
+
+        self._cancel.call_async(CancelGoal.Request()).add_done_callback(on_answer)
+
+    def _reset_machine(self):
+        if not self._reset.service_is_ready():
+            self._notice('reset: no machine offers machine/reset', good=False)
+            return
+        answer = self._reset.call_async(Trigger.Request())
+        answer.add_done_callback(lambda f: self._notice(f'reset: {f.result().message}', good=f.result().success))
+
+    def _notice(self, text, *, good=True):
+        self.cell.notice = Notice(text, good)
+
+    # what the cell says
+
+    def _on_event(self, event):
+        if self.cell.machine is not None:
+            self.cell.hear(event)
+
+    def _on_trajectory(self, message):
+        machine = self.cell.machine
+        if machine is not None and tuple(message.coordinates) == machine.coordinates:
+            positions = np.array(message.position).reshape(-1, len(machine.coordinates))
+            self.cell.load(message.cycle, message.motion, message.learning_law, positions)
+
+    def _on_pose(self, message):
+        place, turn = message.pose.position, message.pose.orientation
+        seen = {'x': place.x, 'y': place.y, 'z': place.z, 'phi': 2.0 * atan2(turn.z, turn.w)}
+        self.cell.pose = {name: seen[name] for name in self.cell.pose}
+
+    def _on_joints(self, message):
+        self.cell.positions = dict(zip(message.name, message.position, strict=True))
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self._diagnosed[status.name] = status
+            if status.name == self._name_of('machine'):
+                self._on_machine(status)
+
+    def _on_machine(self, status):
+        now, tick = monotonic(), int(next((v.value for v in status.values if v.key == 'tick'), 0))
+        if self._ticks is not None and tick < self._ticks[1]:
+            self._asked = None  # it was started anew, perhaps as another machine
+            self.cell.begin_anew()
+        elif self._ticks is not None and now > self._ticks[0]:
+            self.cell.ticks_per_second = (tick - self._ticks[1]) / (now - self._ticks[0])
+        self._heard, self._ticks = now, (now, tick)
+        if status.level == DiagnosticStatus.ERROR:
+            self.cell.status, self.cell.reason = Status.FAULT, status.message.removeprefix('fault: ')
+        else:
+            running = 'running' in status.message
+            self.cell.status, self.cell.reason = Status.RUNNING if running else Status.STANDING, ''
+
+    # who is there
+
+    def _look_around(self):
+        """Once a second: find out whether there is a cell, of which machine, and which nodes it has."""
+        present = [name for name, space in self.get_node_names_and_namespaces() if space == self.get_namespace()]
+        if 'machine' not in present or monotonic() - self._heard > _SILENCE:
+            self.cell.leave()
+            self._asked = None
+        if self._asked is None and self._machine_parameters.service_is_ready():
+            self._asked = self._machine_parameters.call_async(GetParameters.Request(names=['machine']))
+            self._asked.add_done_callback(self._on_machine_name)
+        self.cell.nodes = self._node_lines(present)
+
+    def _on_machine_name(self, future):
+        name = future.result().values[0].string_value
+        if name == self._machine_name:
+            return
+        self._machine_name = name
+        try:
+            machine = load_machine(name)
+        except PkmError as error:
+            self._notice(f'this page cannot show the machine of the cell: {error}', good=False)
+            return
+        self.cell = Cell(machine, self.get_namespace())
+        self._expected = [spec.name for spec in cell_nodes(name, record=False)]  # a recorder need not be there
+        self._expected[1:1] = [*(f'linear_motor_{joint}' for joint in machine.joints), 'laser']
+        while self._of_machine:
+            self.destroy_subscription(self._of_machine.pop())
+        for joint in machine.joints:
+            topic = f'{joint}/cycle_metrics'
+            self._of_machine.append(self.create_subscription(CycleMetrics, topic, self.cell.measure, CYCLE_QOS))
+
+    def _node_lines(self, present):
+        """Return a line for every node there is or should be."""
+        torque = 'computed_torque_controller' in present  # in the place of all others
+        expected = [name for name in self._expected if not (torque and name.startswith('joint_controller_'))]
+        others = sorted({name for name in present if not name.startswith('_')} - {*expected, self.get_name()})
+        lines = []
+        for name in [*expected, *others]:
+            status = self._diagnosed.get(self._name_of(name))
+            if name not in present:
+                lines.append(NodeLine(name, False, 'missing'))
+            elif present.count(name) > 1:
+                lines.append(NodeLine(name, False, f'{present.count(name)} of that name'))
+            elif status is None:
+                lines.append(NodeLine(name, True, 'up'))
+            else:
+                lines.append(NodeLine(name, status.level == DiagnosticStatus.OK, status.message.split(':')[0]))
+        return lines
+
+    def _name_of(self, node):
+        return f'{self.get_namespace()}/{node}'
+
+
+def serve(node, page):
+    """Bring `page` up to date with the cell until the context is shut down."""
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    while node.context.ok():
+        next_turn = monotonic() + 1.0 / _RATE
+        for wish in page.wishes():
+            node.fulfil(wish)
+        _serve_ready(executor)
+        page.show(node.cell)
+        sleep(max(0.0, next_turn - monotonic()))
+
+
+def _serve_ready(executor):
+    """Serve what has come, without waiting for more."""
+    with suppress(TimeoutException, ShutdownException, ExternalShutdownException):
+        while True:
+            handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
+            handler()
+            if handler.exception() is not None:
+                raise handler.exception()
+
+
+def show(args=None):
+    """Run the node and its page until interrupted."""
+    from pkm_nodes.page.page import Page
+
+    os.nice(10)  # where the processor is short the cell goes first
+    rclpy.init(args=args)
+    try:
+        node = DashboardNode()
+        page = Page(node.host, node.port)
+        where = f'{node.get_namespace()}, ROS domain {node.context.get_domain_id()}'
+        print(f'{page.address} shows the cell in {where}; Ctrl-C ends it', flush=True)
+        with suppress(KeyboardInterrupt, ExternalShutdownException):
+            serve(node, page)
+        page.close()
+        node.destroy_node()
+    finally:
+        with suppress(RCLError):  # the signal handler's thread may be faster
+            rclpy.try_shutdown()
+
+
+def main(args=None):
+    """Run the node as a process of its own."""
+    try:
+        show(args)
+    except (PkmError, ParameterException) as error:
+        print(error, file=sys.stderr)
+        sys.exit(1)

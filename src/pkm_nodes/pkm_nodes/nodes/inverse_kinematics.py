@@ -1,0 +1,56 @@
+"""Node `inverse_kinematics`: pose_trajectory in, joint_trajectory out, once a cycle, position to jerk."""
+
+import sys
+
+from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
+from pkm_core.motion.trajectory import to_joints
+from pkm_interfaces.msg import CycleEvent
+from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
+from pkm_nodes.messages.conversions import IDENTIFY, feedforward_from_msg, trajectory_from_msg, trajectory_to_msg
+from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, run
+
+
+class InverseKinematicsNode(PkmNode):
+    """Maps every pose trajectory to the joints of its machine, or refuses it with a REFUSED event."""
+
+    def __init__(self, **kwargs):
+        super().__init__('inverse_kinematics', **kwargs)
+        self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        self.check_settings()
+        self._events = CycleEvents(self, 'inverse_kinematics')
+        self._publisher = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
+        self.create_subscription(SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
+
+    def _on_poses(self, message):
+        if message.learning_law == IDENTIFY:  # planned in joints: its joint_trajectory has come from its sender
+            return
+        machine = self._machine
+        try:
+            poses = trajectory_from_msg(message, coordinates=machine.coordinates, sample_time=machine.sample_time)
+            joints = to_joints(machine, poses)
+            feedforward = feedforward_from_msg(message, joints.position.shape)
+        except PkmError as error:
+            self.get_logger().error(f'pose_trajectory refused: {error}')
+            self._events.publish(CycleEvent.REFUSED, message.cycle, message=str(error))
+            return
+        self._publisher.publish(
+            trajectory_to_msg(
+                joints,
+                cycle=message.cycle,
+                motion=message.motion,
+                learning_law=message.learning_law,
+                feedforward=feedforward,
+            )
+        )
+
+
+def make_nodes():
+    """Return this process's node."""
+    return [InverseKinematicsNode()]
+
+
+def main(args=None):
+    """Run the node as a process of its own."""
+    sys.exit(run(make_nodes, args))

@@ -1,0 +1,26 @@
+"""Node `laser`: the end point as an independent instrument sees it, in the machine's process."""
+
+from pkm_core.plant.laser import Laser
+from pkm_interfaces.msg import LaserSample
+from pkm_nodes.messages.template import DOUBLE, Template
+from pkm_nodes.runtime.node import PkmNode
+
+
+class LaserNode(PkmNode):
+    """Publishes what the `Laser` in front of the simulated mechanism measures."""
+
+    def __init__(self, machine, seed, environment, **kwargs):
+        super().__init__('laser', **kwargs)
+        self._laser = Laser(machine, seed, environment)
+        self._publisher, self._send = self.tick_publisher(LaserSample, 'laser')
+        self._sample = Template(LaserSample(time=DOUBLE, displacement=len(machine.coordinates) * [DOUBLE]))
+        self.zero, self.observe = self._laser.zero, self._laser.observe
+
+    def is_heard(self):
+        """Tell whether every reader that the graph knows of is connected; there need not be any."""
+        return self._publisher.get_subscription_count() >= self.count_subscribers(self._publisher.topic_name)
+
+    def publish(self):
+        """Send what has been measured since the last call."""
+        for time, displacement in zip(*self._laser.read(), strict=True):
+            self._send(self._sample.filled([time, *displacement]))

@@ -1,0 +1,173 @@
+"""
+Node `learning`: the service learning/update; the error of one cycle in, the feedforward of the next one out.
+
+Beside it the service learning/save, which keeps the best of what passes here in a file.
+"""
+
+import sys
+from array import array
+from functools import cache
+
+import numpy as np
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.task import Future
+
+from pkm_core.control.controllers import choose_control
+from pkm_core.errors import LearningError, PkmError
+from pkm_core.learning import make_law
+from pkm_core.learning.best import Best
+from pkm_core.learning.store import save
+from pkm_core.machines import load_machine
+from pkm_interfaces.msg import CycleEvent, SampledTrajectory
+from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
+from pkm_nodes.messages.conversions import IDENTIFY, trajectory_from_msg
+from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.parts.gain_parameters import gains_from_msg
+from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, run
+
+# [s, wall] how long saving waits for joints that have not asked about the last cycle; one that went back does not ask
+PATIENCE = 3.0
+# the last few cycles may still be asked about when trajectories of later ones have come
+_KEPT = 4
+
+
+class _Motion:
+    """A motion that is learned: its reference, its laws, and the best that has been learned of it."""
+
+    def __init__(self, machine, message, trajectory, law):
+        self.asked = {}  # last cycle by joint
+        self.belongs_to = message.motion, message.learning_law, trajectory.position.tobytes()
+        self.best = Best(machine, message.motion, message.learning_law, trajectory)
+        self.law = cache(lambda *loop: law(message.learning_law, *loop).with_reference(trajectory))
+
+
+class LearningNode(PkmNode):
+    """Serves the laws of pkm_core; they keep nothing, the node keeps the reference of the last cycles."""
+
+    def __init__(self, **kwargs):
+        super().__init__('learning', **kwargs)
+        self._machine = machine = load_machine(
+            self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
+        )
+        self._chosen = self.setting('control', 'robust', 'of the controllers, as they are started')
+        self.check_settings()
+        self._control = choose_control(machine, self._chosen)
+        self._law = cache(self._make_law)
+        self._motions = {}  # by cycle
+        self._learned = None  # the motion that was learned last
+        self._finished = 0  # the last cycle of the machine
+        self._caught_up = None  # Future: every joint has asked about that cycle, or has had its time
+        self._patience = self.create_timer(PATIENCE, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._patience.cancel()
+        subscribe_events(self, self._on_event)
+        self.create_subscription(SampledTrajectory, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
+        self.create_service(UpdateFeedforward, 'learning/update', self._on_update)
+        alone = MutuallyExclusiveCallbackGroup()  # in the group of all others it would keep out what it waits for
+        self.create_service(SaveLearned, 'learning/save', self._on_save, callback_group=alone)
+        self.offer('learning/reload', self._reload)
+
+    def _make_law(self, name, *loop):
+        """Return the law `name`: for the control of the cell, or for a `loop` (joint, gains) that is another."""
+        law = make_law(name, self._machine, dict([loop]) if loop else self._control)
+        self.get_logger().info(law.verdict)
+        return law
+
+    def _on_trajectory(self, message):
+        """Get the law ready, with its convergence test, before the cycle runs."""
+        if message.learning_law in ('none', IDENTIFY):
+            return
+        machine = self._machine
+        try:
+            trajectory = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
+            motion = _Motion(machine, message, trajectory, self._law)
+            same = [known for known in self._motions.values() if known.belongs_to == motion.belongs_to]
+            if not same:
+                motion.law()
+        except PkmError as error:  # the controllers refuse such a trajectory, the generator such a law
+            self.get_logger().error(f'joint_trajectory of cycle {message.cycle}: {error}')
+            return
+        others = [(cycle, known) for cycle, known in self._motions.items() if cycle != message.cycle]
+        self._motions = dict([*others[1 - _KEPT :], (message.cycle, same[0] if same else motion)])
+
+    def _on_event(self, event):
+        if event.event == CycleEvent.FINISHED:
+            self._finished = event.cycle
+
+    def _on_update(self, request, response):
+        try:
+            error, feedforward = np.array(request.error), np.array(request.feedforward)
+            gains = self._gains(request)
+            loop = () if gains == self._control[request.joint] else (request.joint, gains)
+            motion = self._motions.get(request.cycle)
+            if motion is None or motion.belongs_to[:2] != (request.motion, request.law):
+                motion, law = None, self._law(request.law, *loop)
+            else:
+                law = motion.law(*loop)
+            learned = law.update(request.joint, error, feedforward, request.iteration, request.sample_time)
+            if motion is not None:
+                motion.best.observe(request.joint, gains, error, feedforward, request.iteration)
+                self._learned = motion
+                motion.asked[request.joint] = request.cycle
+                if self._caught_up and not self._is_behind():
+                    self._go_on()
+        except PkmError as refusal:
+            response.message = str(refusal)
+            self.get_logger().error(f'{request.joint}, {request.motion!r}: {refusal}')
+            return response
+        response.success = True
+        response.feedforward = array('d', learned.tobytes())
+        return response
+
+    def _reload(self):
+        """Take up the models and the gains that the configuration has now; laws are made for them anew."""
+        self._control = choose_control(self._machine, self._chosen)
+        self._law = cache(self._make_law)
+        self._motions.clear()
+
+    def _gains(self, request):
+        """Return the gains of the loop a request comes from."""
+        if request.joint not in self._control:
+            raise LearningError(f'learning: joint {request.joint!r} is unknown; known: {list(self._control)}')
+        if request.gains.kp == 0.0:
+            return self._control[request.joint]
+        return gains_from_msg(request.gains, f'learning {request.joint}: gains')
+
+    def _is_behind(self):
+        """Tell whether a joint has still to ask about the last cycle, if that was learned from."""
+        motion = self._motions.get(self._finished)
+        return bool(motion) and any(motion.asked.get(joint, 0) < self._finished for joint in self._machine.joints)
+
+    def _go_on(self):
+        self._patience.cancel()
+        if self._caught_up:
+            caught_up, self._caught_up = self._caught_up, None
+            caught_up.set_result(None)
+
+    async def _on_save(self, request, response):
+        if self._is_behind():
+            self._caught_up = Future()
+            self._patience.reset()
+            await self._caught_up
+        try:
+            if self._learned is None:
+                raise LearningError('nothing has been learned yet')
+            learned = self._learned.best.learned()
+            save(request.path, learned)
+        except PkmError as refusal:
+            response.message = str(refusal)
+            return response
+        response.success = True
+        response.message = f'{request.path}: motion {learned.origin.motion!r}, learned by {learned.origin.law!r}'
+        return response
+
+
+def make_nodes():
+    """Return this process's node."""
+    return [LearningNode()]
+
+
+def main(args=None):
+    """Run the node as a process of its own."""
+    sys.exit(run(make_nodes, args))

@@ -1,0 +1,29 @@
+"""Node `linear_motor_<joint>`: one motor with its encoder, dN/command in, dN/encoder out, in the machine's process."""
+
+from functools import partial
+
+from pkm_interfaces.msg import EncoderSample, MotorCommand
+from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE
+from pkm_nodes.runtime.node import PkmNode
+
+
+class LinearMotorNode(PkmNode):
+    """One motor with its encoder; the mechanism behind it belongs to `MachineNode`."""
+
+    def __init__(self, joint, index, on_command, **kwargs):
+        super().__init__(f'linear_motor_{joint}', **kwargs)
+        self._publisher, self._send = self.tick_publisher(EncoderSample, f'{joint}/encoder')
+        self._command = self.on_tick_topic(MotorCommand, f'{joint}/command', partial(on_command, index), raw=True)
+
+    def is_heard(self):
+        """Tell whether every reader of the encoder that the graph knows of is connected, and there is one."""
+        return self._publisher.get_subscription_count() >= max(1, self.count_subscribers(self._publisher.topic_name))
+
+    def answering_nodes(self):
+        """Return the full names of the nodes that can send commands."""
+        found = self.get_publishers_info_by_topic(self._command.topic_name)
+        return sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found)
+
+    def publish(self, tick, cycle, index, mode, counts, position):
+        """Send one encoder sample."""
+        self._send(ENCODER_SAMPLE.pack(tick, cycle, index, mode, counts, position))

@@ -1,0 +1,199 @@
+"""
+Node `recorder`: one MCAP bag per motion cycle, every sample accounted for; `pkm_core.recording` does the work.
+
+Messages are taken raw, as the serialized bytes DDS delivers. On recorder/tick it reports how far it has come, first
+when it is connected to every joint and to who leads them, and knows the parameters of the cell: a machine told to wait
+for it neither starts too early nor runs out of its queue. What has become of a cycle is told with a RECORDED or
+NOT_RECORDED event.
+"""
+
+import sys
+from shutil import disk_usage
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from std_msgs.msg import UInt64
+
+from pkm_core.errors import ConfigError
+from pkm_core.machines import load_machine
+from pkm_core.recording.folder_lock import FolderLock
+from pkm_core.recording.provenance import config_hash, git_revision
+from pkm_core.recording.recording import Recording
+from pkm_core.recording.topics import By, recorded_topics
+from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.messages.conversions import time_of_tick
+from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.graph_parameters import GraphParameters
+from pkm_nodes.ros2.shared import find_interface
+from pkm_nodes.runtime.lockstep import PatientGroup
+from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, listen_in, run
+
+# those of the servo tick, and the states that come with them: deep queues
+_WITH_TICKS = (By.TICK, By.STAMP, By.TIME)
+# [s] of simulated time; the longest pre-roll of four joints takes some 100 MB
+_LONGEST_PREROLL = 60.0
+
+
+class RecorderNode(PkmNode):
+    """
+    Writes the cycles of a cell into `folder`.
+
+    Parameters
+    ----------
+    neighbours : sequence of PkmNode
+        Other nodes of this process. What they take of the servo tick as bytes is recorded as they take it: readers of
+        its own, eight more deliveries and takes a tick, would cost as much as all the rest of recording.
+
+    """
+
+    def __init__(self, neighbours=(), **kwargs):
+        super().__init__('recorder', **kwargs)
+        machine = self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
+        self._control = self.setting('control', 'robust', 'choice of the controllers, for the hash in the metadata')
+        folder = self.setting('folder', 'bags', 'folder that takes one bag a cycle')
+        preroll = self.setting('preroll', 1.0, '[s] of simulated time that a snapshot reaches back')
+        self.check_settings()
+        if preroll > _LONGEST_PREROLL:
+            raise ConfigError(f'recorder: preroll is {preroll} s; expected at most {_LONGEST_PREROLL:.0f} s')
+        self._machine, model = machine, load_machine(machine)
+        self._sample_time = model.sample_time
+        topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(model.joints)}
+        self._parameters_of_cell = GraphParameters(self)
+        self._lock = FolderLock(folder)
+        self._recording = Recording(
+            self._lock.path, topics, model, preroll, self._facts, self.get_logger().warn, self._is_offered
+        )
+        self._queue = PatientGroup(self._serve)
+        self._tick_subscriptions = []
+        theirs = [s for node in neighbours for s in node.subscriptions if s.callback_group is node.hot_group and s.raw]
+        taken = {subscription.topic_name: subscription for subscription in theirs}
+        for name, topic in topics.items():
+            self._listen(name, topic, taken.get(name))
+        self._progress = self.create_publisher(UInt64, 'recorder/tick', TICK_QOS)
+        self._reported = None
+        self._events = CycleEvents(self, 'recorder')
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._closed, self._lost, self._failure = 0, 0, ''
+        self.offer('recorder/record', self._recording.start)
+        self.offer('recorder/stop', self._recording.stop)
+        self.offer('recorder/split_bagfile', self._recording.split)
+        self.offer('recorder/snapshot', lambda: str(self._recording.snapshot().resolve()))
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(0.1, self._look_after, clock=wall)
+        self.create_timer(1.0, self._publish_diagnostics, clock=wall)
+        self._announcer = self.create_timer(0.2, self._announce, clock=wall)
+        self._connected = 0
+
+    def _listen(self, name, topic, taken):
+        """Record a topic; `taken` is the subscription of a neighbour that takes the same messages, or None."""
+        message_type, take = find_interface(topic.kind, 'msg'), self._recording.takers[name]
+        if taken is not None:
+            listen_in(taken, take)
+            self._tick_subscriptions.append(taken)
+            return
+        # all in one group: events that were served after the ticks of many cycles would end the wrong one
+        qos = TICK_QOS if topic.by in _WITH_TICKS else CYCLE_QOS
+        subscription = self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)
+        if topic.by is By.TICK:
+            self._tick_subscriptions.append(subscription)
+
+    def _facts(self, motion, law):
+        """Return what the metadata of a bag say beside the facts of its cycle."""
+        return {
+            'machine': self._machine,
+            'git_revision': git_revision(),
+            'config_hash': config_hash(self._machine, motion, law, self._control),
+            'parameters': self._parameters_of_cell.as_json(),
+        }
+
+    def _is_offered(self, topic):
+        return self.count_publishers(topic) > 0
+
+    # how far it has come
+
+    def _serve(self):
+        """Sort what has come since the last turn, and tell the rest of the cell."""
+        self._recording.sort()
+        if self._reported is not None and self._recording.progress != self._reported:
+            self._report_progress()
+        while self._recording.outcomes:
+            self._tell(self._recording.outcomes.pop(0))
+
+    def _announce(self):
+        """Report once at rest that all topics of a cycle are connected, and again when one of them has come back."""
+        self._parameters_of_cell.look_around()
+        before = self._connected
+        self._connected = sum(s.get_publisher_count() > 0 for s in self._tick_subscriptions) + self._is_led()
+        connected = before == self._connected == len(self._tick_subscriptions) + 1
+        if connected and self._parameters_of_cell.is_complete():
+            self._report_progress()
+            self._announcer.timer_period_ns = 1_000_000_000
+
+    def _is_led(self):
+        """Tell whether somebody offers joint trajectories; the trajectory_generator does so for identification only."""
+        publishers = self.get_publishers_info_by_topic('joint_trajectory')
+        return any(info.node_name != 'trajectory_generator' and info.node_name[0] != '_' for info in publishers)
+
+    def _report_progress(self):
+        self._reported = self._recording.progress
+        self._progress.publish(UInt64(data=max(0, self._reported)))
+
+    def _look_after(self):
+        self._recording.close_late()
+        self._serve()
+
+    # what has become of it
+
+    def _tell(self, outcome):
+        if outcome.failure:
+            self._failure = f'cycle {outcome.cycle}: {outcome.failure}'
+            self.get_logger().error(f'not recorded: {self._failure}')
+            event, message = CycleEvent.NOT_RECORDED, outcome.failure
+        else:
+            self._closed, self._failure = self._closed + 1, ''
+            self._lost += sum(outcome.lost.values())
+            event, message = CycleEvent.RECORDED, str(outcome.path)
+            if outcome.lost:
+                self.get_logger().error(
+                    f'cycle {outcome.cycle}: messages missing in {outcome.path}: {outcome.lost}; '
+                    f'first and last of the ticks missing: {outcome.lost_ticks}'
+                )
+        if self.context.ok():  # otherwise stopped in the middle: the bag is whole, but there is nobody to tell
+            self._events.publish(event, outcome.cycle, tick=outcome.tick, samples=outcome.messages, message=message)
+
+    def _publish_diagnostics(self):
+        recording = self._recording
+        state = 'recording' if recording.running else 'stopped'
+        try:
+            free = f'{disk_usage(self._lock.path).free / 1e6:.0f}'
+        except OSError as error:
+            free = error.strerror
+        values = {'bags': self._closed, 'lost messages': self._lost, 'tick': recording.progress, 'free [MB]': free}
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.ERROR if self._failure else DiagnosticStatus.OK,
+            name=self.get_fully_qualified_name(),
+            message=f'not recorded: {self._failure}' if self._failure else state,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = time_of_tick(max(0, recording.progress), self._sample_time)
+        self._diagnostics.publish(message)
+
+    def destroy_node(self):
+        """Close whatever is open, so that a cell that is stopped in the middle leaves whole bags."""
+        self._recording.close_all()
+        while self._recording.outcomes:
+            self._tell(self._recording.outcomes.pop(0))
+        self._lock.release()
+        super().destroy_node()
+
+
+def make_nodes():
+    """Return this process's node."""
+    return [RecorderNode()]
+
+
+def main(args=None):
+    """Run the node as a process of its own."""
+    sys.exit(run(make_nodes, args))

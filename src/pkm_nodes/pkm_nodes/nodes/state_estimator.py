@@ -1,0 +1,126 @@
+"""
+Node `state_estimator`: encoders in, the state of the machine in standard messages out, by forward kinematics.
+
+pose and joint_states go out always, for the recorder counts on them; twist and markers, which the recorder takes as
+well, only while somebody listens.
+"""
+
+import sys
+from functools import partial
+from math import cos, sin
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped, Vector3
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
+from pkm_core.machines.description import ROOT, joint_positions
+from pkm_core.recording.topics import STATES_EVERY
+from pkm_interfaces.msg import EncoderSample
+from pkm_nodes.messages.conversions import nanoseconds_of_tick
+from pkm_nodes.messages.markers import LinkMarkers
+from pkm_nodes.messages.template import DOUBLE, POSE, STAMP, Template
+from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE
+from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, run
+
+# [ticks] markers go out at 20 Hz of simulated time: they cost more than everything else and are for eyes
+MARKERS_EVERY = 100
+# states that wait for a joint whose samples lag: no further can it be behind and lose none
+_MOST_GATHERED = TICK_QOS.depth // STATES_EVERY
+
+
+class StateEstimatorNode(PkmNode):
+    """Publishes pose, twist and joint_states of every `STATES_EVERY`-th tick, markers less often."""
+
+    def __init__(self, **kwargs):
+        super().__init__('state_estimator', **kwargs)
+        self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        self.check_settings()
+        joints = self._machine.joints
+        self._previous = None  # tick, joints and pose of the last published state
+        self._tick = -1  # of the last state
+        self._gathered = {}  # position by joint, by tick: the samples of one joint may lag behind those of the others
+        self._markers = LinkMarkers(self._machine)
+        self._pose_publisher = self.create_publisher(PoseStamped, 'pose', CYCLE_QOS)
+        self._twist_publisher = self.create_publisher(TwistStamped, 'twist', CYCLE_QOS)
+        self._joints_publisher = self.create_publisher(JointState, 'joint_states', CYCLE_QOS)
+        header = Header(stamp=STAMP, frame_id=ROOT)
+        self._pose = Template(PoseStamped(header=header, pose=POSE))
+        speed = Vector3(x=DOUBLE, y=DOUBLE, z=DOUBLE)
+        self._twist = Template(TwistStamped(header=header, twist=Twist(linear=speed, angular=Vector3(z=DOUBLE))))
+        self._joint_states = {}  # templates by the names of joints and the number of velocities
+        self._markers_publisher = self.create_publisher(MarkerArray, 'markers', CYCLE_QOS)
+        for i, joint in enumerate(joints):
+            self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, i), raw=True)
+
+    def _on_sample(self, joint, data):
+        tick, _, _, _, _, position = ENCODER_SAMPLE.unpack(data)
+        if tick % STATES_EVERY:
+            return
+        positions = self._gathered.setdefault(tick, {})
+        positions[joint] = position
+        if len(positions) < len(self._machine.joints):
+            if len(self._gathered) > _MOST_GATHERED:
+                del self._gathered[next(iter(self._gathered))]
+            return
+        restarted = tick <= self._tick  # a machine that was switched on anew counts from 0
+        self._gathered = {} if restarted else {later: part for later, part in self._gathered.items() if later > tick}
+        self._tick = tick
+        self._publish(np.array([positions[i] for i in range(len(positions))]))
+
+    def _publish(self, positions):
+        machine = self._machine
+        time = nanoseconds_of_tick(self._tick, machine.sample_time)
+        try:
+            pose = dict(zip(machine.coordinates, machine.forward(positions).tolist(), strict=True))
+            joints = joint_positions(machine, positions)
+        except PkmError as error:  # after a collision, or a reading that is not finite
+            self.get_logger().error(f'tick {self._tick}: no pose: {error}')
+            pose, joints = {}, dict(zip(machine.joints, positions.tolist(), strict=True))
+        before, self._previous = self._previous, (self._tick, joints, pose)
+        if pose:
+            self._publish_pose(time, pose)
+        if pose and self._tick % MARKERS_EVERY == 0 and self._markers_publisher.get_subscription_count():
+            self._markers_publisher.publish(self._markers.message(time, joints))
+        # mean speeds since the last state: 0.2 um counts over 10 ms are 20 um/s, so no filter is needed
+        elapsed = 0.0 if before is None else (self._tick - before[0]) * machine.sample_time
+        self._publish_joints(time, joints, _rates(joints, before[1], elapsed) if elapsed > 0 else [])
+        if elapsed > 0 and pose and before[2] and self._twist_publisher.get_subscription_count():
+            self._publish_twist(time, dict(zip(pose, _rates(pose, before[2], elapsed), strict=True)))
+
+    def _publish_pose(self, time, pose):
+        half = pose.get('phi', 0.0) / 2
+        place, turn = (pose['x'], pose['y'], pose.get('z', 0.0)), (0.0, 0.0, sin(half), cos(half))
+        self._pose_publisher.publish(self._pose.filled([*place, *turn], time))
+
+    def _publish_twist(self, time, rates):
+        numbers = [rates['x'], rates['y'], rates.get('z', 0.0), rates.get('phi', 0.0)]
+        self._twist_publisher.publish(self._twist.filled(numbers, time))
+
+    def _publish_joints(self, time, positions, velocities):
+        """Publish motors first, then the passive joints, which are missing where the mechanism cannot stand."""
+        key = (*positions, len(velocities))
+        if key not in self._joint_states:
+            gaps = {'position': len(positions) * [DOUBLE], 'velocity': len(velocities) * [DOUBLE]}
+            self._joint_states[key] = Template(JointState(header=Header(stamp=STAMP), name=list(positions), **gaps))
+        self._joints_publisher.publish(self._joint_states[key].filled([*positions.values(), *velocities], time))
+
+
+def _rates(now, before, elapsed):
+    """Return the mean rates of the entries of `now`, or none if one of them is new."""
+    if now.keys() != before.keys():
+        return []
+    return [(value - before[name]) / elapsed for name, value in now.items()]
+
+
+def make_nodes():
+    """Return this process's node."""
+    return [StateEstimatorNode()]
+
+
+def main(args=None):
+    """Run the node as a process of its own."""
+    sys.exit(run(make_nodes, args))

@@ -1,0 +1,44 @@
+"""What a joint controller does in cycles of identification beside its law: wait for the excitation, add it, watch."""
+
+import numpy as np
+
+from pkm_core.identification.excited_axis import ExcitedAxis
+from pkm_interfaces.msg import Excitation
+from pkm_nodes.messages.conversions import IDENTIFY
+from pkm_nodes.runtime.node import CYCLE_QOS
+
+
+class AxisExcitation:
+    """
+    Listens to the topic `excitation` for one joint.
+
+    Parameters
+    ----------
+    node : PkmNode
+        Of the controller.
+    machine : Machine
+        Whose joint it is.
+    joint : str
+        Its name.
+
+    """
+
+    def __init__(self, node, machine, joint):
+        self._machine, self._joint = machine, joint
+        self._message = Excitation()  # the last one; cycles count from 1
+        node.create_subscription(Excitation, 'excitation', self._on_excitation, CYCLE_QOS)
+
+    def _on_excitation(self, message):
+        if message.joint == self._joint:
+            self._message = message
+
+    def is_missing(self, trajectory):
+        """Tell whether the cycle of a joint_trajectory message has to wait for its excitation."""
+        return trajectory.learning_law == IDENTIFY and self._message.cycle != trajectory.cycle
+
+    def begin(self, trajectory, model, gains, position, velocity, acceleration):
+        """Return the `ExcitedAxis` of a cycle of identification, None of any other; arguments and errors as there."""
+        if trajectory.learning_law != IDENTIFY:
+            return None
+        volts = np.array(self._message.voltage)
+        return ExcitedAxis(self._machine, self._joint, model, gains, position, velocity, acceleration, volts)

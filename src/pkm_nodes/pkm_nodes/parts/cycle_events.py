@@ -1,0 +1,26 @@
+"""The story of a motion cycle as messages on /pkm/cycle_events."""
+
+from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.runtime.node import CYCLE_QOS
+
+_NAMES = ('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP', 'NOT_RECORDED', 'NOTICE')
+NAMES = {getattr(CycleEvent, name): name for name in _NAMES}
+
+
+class CycleEvents:
+    """Publishes the cycle events of one source."""
+
+    def __init__(self, node, source):
+        self._publisher = node.create_publisher(CycleEvent, 'cycle_events', CYCLE_QOS)
+        self._source = source
+
+    def publish(self, event, cycle, *, tick=0, samples=0, message=''):
+        """Publish `event` (a constant of CycleEvent) of `cycle`."""
+        self._publisher.publish(
+            CycleEvent(event=event, source=self._source, cycle=cycle, tick=tick, samples=samples, message=message)
+        )
+
+
+def subscribe_events(node, callback):
+    """Call `callback(CycleEvent)` for every event of the cell."""
+    return node.create_subscription(CycleEvent, 'cycle_events', callback, CYCLE_QOS)

@@ -1,0 +1,1 @@
+"""What every node runs on: node base class, lock-step executor and queues."""

@@ -1,0 +1,146 @@
+"""What every node of the cell shares: its namespace, checked parameters, quality of service, and how it is run."""
+
+import signal
+import sys
+from contextlib import suppress
+from math import inf
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import NotInitializedException, ParameterException
+from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_srvs.srv import Trigger
+
+from pkm_core.errors import ConfigError, PkmError
+from pkm_nodes.runtime.lockstep import HotGroup, spin
+
+RCLError = rclpy_implementation.RCLError
+
+
+def reliable(depth):
+    """Return the profile of the cell's topics: nothing is lost, nothing old is sent to a late reader."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
+# The servo tick: deep enough for a recorder that lags by the machine's largest recorder_window.
+TICK_QOS = reliable(1000)
+# Trajectories and events of a cycle.
+CYCLE_QOS = reliable(100)
+# A state: whoever comes late gets the last value.
+LAST_VALUE_QOS = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+
+
+class PkmNode(Node):
+    """A node in /pkm (remap __ns to move it) that refuses parameters it does not know."""
+
+    # `-p name:=value` on a command line reaches every node of its process, also those that do not declare `name`
+    _known_in_process = {'use_sim_time', 'start_type_description_service'}
+
+    def __init__(self, name, **kwargs):
+        super().__init__(name, **{'namespace': 'pkm', **kwargs})
+        self.hot_group = HotGroup()
+
+    def setting(self, name, default, description):
+        """
+        Declare the read-only parameter `name` and return its value; the type of `default` is binding.
+
+        A float is a duration or another size: `ConfigError` unless it is positive and finite.
+        """
+        value = self._declare(name, default, description, read_only=True)
+        if isinstance(value, float) and not 0 < value < inf:
+            raise ConfigError(
+                f'{self.get_fully_qualified_name()}: {name} is {value}; expected a positive, finite number '
+                f'({description})'
+            )
+        return value
+
+    def tunable(self, name, default, description):
+        """Declare the parameter `name`, which may be set while the node runs, and return its value."""
+        return self._declare(name, default, description, read_only=False)
+
+    def _declare(self, name, default, description, *, read_only):
+        self._known_in_process.add(name)
+        descriptor = ParameterDescriptor(description=description, read_only=read_only)
+        return self.declare_parameter(name, default, descriptor).value
+
+    def check_settings(self):
+        """Refuse parameters that were given but never declared; rclpy passes over a misspelt name without a word."""
+        given = set(self._parameter_overrides)  # rclpy has no public way to ask what was given
+        unknown = sorted(name for name in given - self._known_in_process if not name.startswith('qos_overrides.'))
+        if unknown:
+            known = sorted(self._parameters)
+            raise ConfigError(f'{self.get_fully_qualified_name()} has unknown parameter(s) {unknown}; known: {known}')
+
+    def offer(self, name, do):
+        """
+        Offer `do()` as the std_srvs/Trigger service `name`.
+
+        What it returns, if anything, is the answer's message; a `PkmError` it raises is the refusal.
+        """
+
+        def answer(_, response):
+            try:
+                response.message, response.success = do() or '', True
+            except PkmError as refusal:
+                response.message = str(refusal)
+            return response
+
+        self.create_service(Trigger, name, answer)
+
+    def on_tick_topic(self, message_type, topic, callback, *, raw=False):
+        """Subscribe to a topic of the servo tick: served before everything else, `raw` as bytes (tick_messages.py)."""
+        return self.create_subscription(message_type, topic, callback, TICK_QOS, callback_group=self.hot_group, raw=raw)
+
+    def tick_publisher(self, message_type, topic):
+        """Return a publisher on a topic of the servo tick, and the function that sends bytes on it."""
+        publisher = self.create_publisher(message_type, topic, TICK_QOS)
+        return publisher, publisher.handle.publish_raw  # `publish` would find out every time what it was given
+
+
+def listen_in(subscription, callback):
+    """Call `callback(message)` too, and first, with every message that another node's `subscription` takes."""
+    owner = subscription.callback
+
+    def both(message):
+        callback(message)
+        owner(message)
+
+    subscription.callback = both
+
+
+def run(make_nodes, args=None, *, spin=spin):
+    """
+    Run the nodes `make_nodes()` returns in `spin(nodes)` until interrupted; return the process's exit code.
+
+    A configuration or parameter that is refused ends the process with one line and code 1.
+    """
+    # rclpy's handler ends the executor between two callbacks; a KeyboardInterrupt would end one in its midst, and the
+    # recorder's bag would be broken
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    rclpy.init(args=args)
+    nodes = []
+    try:
+        nodes += make_nodes()
+        spin(nodes)
+    except (ExternalShutdownException, RCLError, NotInitializedException):
+        if rclpy.ok():
+            raise
+    except (PkmError, ParameterException) as error:
+        print(error, file=sys.stderr)
+        return 1
+    finally:
+        for node in nodes:
+            node.destroy_node()
+        with suppress(RCLError):  # the signal handler's thread may be faster
+            rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,1 @@
+"""The verbs of `pkm` that need ROS, one per file."""

@@ -1,0 +1,236 @@
+"""From an unknown machine to new gains: what is applied, what is refused, and what comes back."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pkm_core.commissioning.config_copy import workplace
+from pkm_core.commissioning.measured import MeasuredResponse, check_measured
+from pkm_core.commissioning.procedure import Identified, commission
+from pkm_core.commissioning.report import candidate_table, error_table, verdict, write_page
+from pkm_core.config import config_folder
+from pkm_core.control.margins import perturbed_models, stability_margins, unit_circle
+from pkm_core.control.model import load_model
+from pkm_core.control.robust import load_control
+from pkm_core.control.systems import plant_system
+from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
+from pkm_core.motion.metrics import AxisMetrics
+from pkm_core.tuning.config import load_tuning
+
+UM = 1e-6
+
+
+@pytest.fixture(scope='module')
+def planar():
+    return load_machine('planar')
+
+
+@pytest.fixture
+def place(planar, tmp_path):
+    with workplace(planar, tmp_path, 'nominal') as place:
+        yield place
+
+
+def response_of(model, machine, name='d1_sweep_0', coherence=1.0):
+    """Return what a sweep without noise would measure of an axis."""
+    frequency = np.arange(80.0, 500.0, 2.0)
+    plant = plant_system(model, machine.sample_time)(unit_circle(frequency, machine.sample_time))
+    return MeasuredResponse(name, machine.home[0], frequency, plant, np.full(frequency.size, coherence))
+
+
+class Bench:
+    """A bench whose axes are what `truth` says, and whose moves err by what the test wants."""
+
+    def __init__(self, machine, place, *, responses_of=response_of, errors=None):
+        self._machine, self._place, self._responses_of = machine, place, responses_of
+        self._errors = {'as_found': 50 * UM, 'tuned': 20 * UM, 'restored': 50 * UM, 'inverse': 20 * UM} | (errors or {})
+        self.started = []  # (name, model, gains of d1) that ran
+        self.moves = []
+
+    def start(self, name):
+        machine = self._machine
+        self.started.append((name, load_model(machine)['d1'].gain, load_control(machine)['d1'].kp))
+
+    def identify(self, on_step):
+        on_step('identifying', 0.0)
+        folder = self._place.folder.parent / 'identified'
+        folder.mkdir()
+        file = folder / 'model.yaml'
+        file.write_text(self._place.model.read_text().replace('gain: 11440', 'gain: 9800'))
+        models = load_model(self._machine, file)
+        responses = {joint: [self._responses_of(model, self._machine)] for joint, model in models.items()}
+        return Identified(file, responses, ['d1: a warning'])
+
+    def move(self, cycles, law, on_step):
+        name = self.started[-1][0] if law == 'none' else law
+        self.moves.append((name, cycles, law))
+        error = self._errors[name]
+        if isinstance(error, Exception):
+            raise error
+        return [[AxisMetrics(error / (1 + cycle), 0.0, np.nan, 0.0)] * 2 for cycle in range(cycles)]
+
+
+@pytest.fixture(scope='module')
+def small():
+    """Return a search that ends in a second."""
+    config = load_tuning()
+    search = config.search.model_copy(update={'population': 32, 'generations': 10, 'restarts': 1})
+    return config.model_copy(update={'search': search})
+
+
+def run(machine, bench, place, config, folder):
+    steps = []
+    with ThreadPoolExecutor(1) as executor:
+        story = commission(
+            machine, bench, place, config, law='inverse', cycles=3, limit=30 * UM, seed=1, executor=executor,
+            folder=folder / 'search', on_step=lambda *step: steps.append(step),
+        )  # fmt: skip
+    return story, steps
+
+
+def test_gains_that_pass_are_kept_and_the_motion_is_learned(planar, place, small, tmp_path):
+    found_model, found_kp = load_model(planar)['d1'].gain, load_control(planar)['d1'].kp
+    bench = Bench(planar, place)
+    story, steps = run(planar, bench, place, small, tmp_path)
+    assert story.accepted
+    assert story.reasons == []
+    (first, *_), (second, model, kp) = bench.started
+    assert (first, second) == ('as_found', 'tuned')
+    assert (bench.started[0][1:], model) == ((found_model, found_kp), 9.8)
+    assert kp == load_control(planar)['d1'].kp != found_kp  # what stays installed is what ran
+    assert bench.moves == [('as_found', 1, 'none'), ('tuned', 1, 'none'), ('inverse', 3, 'inverse')]
+    shares = [share for what, share in steps if what == 'tuning']
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_every_candidate_has_its_cost_and_the_least_is_recommended(planar, place, small, tmp_path):
+    story, _ = run(planar, Bench(planar, place), place, small, tmp_path)
+    tuned = load_control(planar)
+    for joint, found in story.candidates.items():
+        assert found[0].name == 'as found'
+        assert [each.name for each in found[1:] if each.recommended] == [found[1].name]
+        assert found[1].objective == min(each.objective for each in found[1:])
+        assert not found[1].beyond
+        # the file has six digits
+        assert found[1].gains.model_dump()['kp'] == pytest.approx(tuned[joint].kp, rel=1e-5)
+    rows = candidate_table(story).rows
+    assert len(rows) == sum(map(len, story.candidates.values()))
+    assert [row[-1] for row in rows].count('recommended') == 2
+
+
+def test_old_files_come_back_when_the_acceptance_move_fails(planar, place, small, tmp_path):
+    before = {path: path.read_bytes() for path in (place.model, place.control)}
+    bench = Bench(planar, place, errors={'tuned': 40 * UM})
+    story, _ = run(planar, bench, place, small, tmp_path)
+    assert not story.accepted
+    assert story.reasons == [f'{j}: acceptance move errs by 40.0 um; allowed 30 um' for j in ('d1', 'd3')]
+    assert {path: path.read_bytes() for path in before} == before
+    assert [name for name, *_ in bench.started] == ['as_found', 'tuned', 'restored']
+    assert bench.started[0][1:] == bench.started[2][1:]
+    assert bench.moves[-1] == ('restored', 1, 'none')  # nothing is learned
+    assert 'because' in verdict(story)[0]
+    assert [row[3] for row in error_table(planar, story).rows] == ['50.0', '50.0']
+
+
+def test_machine_that_faults_under_new_gains_gets_the_old_ones_back(planar, place, small, tmp_path):
+    bench = Bench(planar, place, errors={'tuned': PkmError('machine: d1 ran into its upper stop')})
+    story, _ = run(planar, bench, place, small, tmp_path)
+    assert story.reasons == ['machine: d1 ran into its upper stop']
+    assert bench.started[-1][0] == 'restored'
+
+
+def test_gains_are_kept_and_the_reason_is_told_when_learning_fails(planar, place, small, tmp_path):
+    bench = Bench(planar, place, errors={'inverse': PkmError('learning law inverse would diverge')})
+    story, _ = run(planar, bench, place, small, tmp_path)
+    assert story.accepted
+    assert bench.started[-1][0] == 'tuned'
+    assert verdict(story)[1] == 'The motion was not learned: learning law inverse would diverge'
+
+
+def test_gains_that_fail_on_the_measured_response_are_never_applied(planar, place, small, tmp_path):
+    def other(model, machine):  # what was measured has twice the gain of what was fitted
+        return response_of(model.model_copy(update={'gain': 2 * model.gain}), machine)
+
+    bench = Bench(planar, place, responses_of=other)
+    story, _ = run(planar, bench, place, small, tmp_path)
+    assert [name for name, *_ in bench.started] == ['as_found', 'restored']
+    assert not story.tuned
+    assert 'gain margin' in story.reasons[0]
+    assert 'on the response measured as d1_sweep_0; allowed from 6 dB' in story.reasons[0]
+
+
+def test_axis_for_which_nothing_is_found_keeps_its_old_gains(planar, place, small, tmp_path):
+    strict = small.limits.nominal.model_copy(update={'gain_margin': 30.0})
+    impossible = small.model_copy(update={'limits': small.limits.model_copy(update={'nominal': strict})})
+    bench = Bench(planar, place)
+    story, _ = run(planar, bench, place, impossible, tmp_path)
+    assert 'none of 320 candidates keeps all limits' in story.reasons[0]
+    assert bench.started[-1][0] == 'restored'
+
+
+def test_page_tells_the_outcome_and_needs_nothing_beside_itself(planar, place, small, tmp_path):
+    story, _ = run(planar, Bench(planar, place, errors={'tuned': 40 * UM}), place, small, tmp_path)
+    write_page(tmp_path / 'report.html', planar, story, {'specimen': 3})
+    text = (tmp_path / 'report.html').read_text()
+    for expected in ('errs by 40.0 um; allowed 30 um', 'recommended', 'as found', 'a warning', 'specimen'):
+        assert expected in text
+    assert 'src="data:' in text
+    assert 'src="http' not in text
+
+
+def test_margins_on_a_perfect_measurement_are_those_of_the_model(planar):
+    model, gains = load_model(planar)['d1'], load_control(planar)['d1']
+    expected = stability_margins(gains, model, planar.sample_time)
+    limits = load_tuning().limits.perturbed
+    found, reasons = check_measured('d1', gains, model, [response_of(model, planar)], limits, planar.sample_time)
+    margins = found['d1_sweep_0']
+    assert reasons == []
+    # lines of the sweep are 2 Hz apart, those of the model a quarter
+    assert margins.gain_margin == pytest.approx(expected.gain_margin, abs=0.02)
+    assert margins.phase_margin == pytest.approx(expected.phase_margin, abs=0.2)
+    assert margins.peak_sensitivity == pytest.approx(expected.peak_sensitivity, rel=0.01)
+
+
+def test_lines_without_coherence_do_not_count(planar):
+    model, gains = load_model(planar)['d1'], load_control(planar)['d1']
+    spoiled = response_of(model, planar)
+    spoiled.plant[100], spoiled.coherence[100] = 1e3 * spoiled.plant[100], 0.3
+    limits = load_tuning().limits.perturbed
+    assert check_measured('d1', gains, model, [spoiled], limits, planar.sample_time)[1] == []
+    spoiled.coherence[100] = 0.9
+    assert check_measured('d1', gains, model, [spoiled], limits, planar.sample_time)[1]
+
+
+def test_worst_perturbed_model_measured_falls_short_with_its_numbers(planar):
+    model, gains = load_model(planar)['d1'], load_control(planar)['d1']
+    measured = [response_of(each, planar, str(number)) for number, each in enumerate(perturbed_models(model, (1.5,)))]
+    limits = load_tuning().limits.perturbed
+    _, reasons = check_measured('d1', gains, model, measured, limits, planar.sample_time)
+    assert any('d1: gain margin 5.' in reason and 'allowed from 6 dB' in reason for reason in reasons)
+
+
+def test_workplace_changes_the_truth_of_its_copy_only(planar, tmp_path):
+    original, before = config_folder(), os.environ.get('PKM_CONFIG')
+    truth = Path('truth', 'planar.yaml')
+    with workplace(planar, tmp_path, 'nominal', 5) as place:
+        assert config_folder() == place.folder == tmp_path / 'config'
+        assert (place.folder / truth).read_bytes() != (original / truth).read_bytes()
+        for kind in ('model', 'control', 'machines'):
+            same = Path(kind, 'planar.yaml')
+            assert (place.folder / same).read_bytes() == (original / same).read_bytes()
+    assert os.environ.get('PKM_CONFIG') == before
+    assert (tmp_path / 'config' / truth).exists()  # a result: the machine can be run on
+
+
+def test_workplace_in_a_folder_with_results_is_refused(planar, tmp_path):
+    (tmp_path / 'config').mkdir()
+    with (
+        pytest.raises(PkmError, match='exists; name a folder without the results'),
+        workplace(planar, tmp_path, 'hard'),
+    ):
+        pass

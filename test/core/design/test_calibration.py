@@ -1,0 +1,218 @@
+"""Calibration: recovers a specimen within its own uncertainty, tells what it cannot know, files, refusals."""
+
+import numpy as np
+import pytest
+
+from pkm_core.design.budget_monte_carlo import study_poses
+from pkm_core.design.calibration import calibrate, positioning_errors, prediction_errors
+from pkm_core.design.calibration_file import write_calibrated_machine
+from pkm_core.design.measurement import (
+    Measurements,
+    draw_specimen,
+    load_laser,
+    read_measurements,
+    simulate,
+    write_measurements,
+)
+from pkm_core.design.specimen import end_point
+from pkm_core.design.tolerances import load_tolerances
+from pkm_core.errors import ConfigError, PkmError
+from pkm_core.machines import load_machine
+from pkm_core.machines.assembly import assemble
+from pkm_core.plant.plant import Plant
+from pkm_core.plant.truth import load_truth
+
+FOUR_DOF, PLANAR = load_machine('four_dof'), load_machine('planar')
+TOLERANCES, LASER = load_tolerances(), load_laser()
+
+
+def measured(machine, seed, poses=60):
+    errors = draw_specimen(machine, TOLERANCES, seed)
+    return errors, simulate(machine, errors, LASER, study_poses(machine, poses, seed), seed)
+
+
+def calibrated(machine, seen):
+    return calibrate(machine, seen, TOLERANCES, LASER.deviation(machine, seen.q))
+
+
+@pytest.fixture(scope='module')
+def first():
+    errors, seen = measured(FOUR_DOF, seed=1)
+    used, held = seen.split()
+    return errors, calibrated(FOUR_DOF, used), held
+
+
+def test_estimates_scatter_about_the_truth_as_their_deviations_say():
+    scores = []
+    for seed in range(30):
+        errors, seen = measured(FOUR_DOF, seed)
+        found = calibrated(FOUR_DOF, seen)
+        scores += [(found.errors[name] - errors[name]) / found.deviations[name] for name in errors]
+    assert np.std(scores) == pytest.approx(1.0, abs=0.1)  # 390 scores, 13 of them correlated: 5 % of standard error
+    assert np.abs(scores).max() < 4.5
+
+
+@pytest.mark.parametrize('machine', [FOUR_DOF, PLANAR], ids=lambda machine: machine.name)
+def test_calibrated_machine_errs_less_than_the_laser_resolves_on_poses_not_used(machine):
+    errors, seen = measured(machine, seed=2)
+    used, held = seen.split()
+    found = calibrated(machine, used)
+    assert found.misfit == pytest.approx(1.0, abs=0.2)
+    noise = LASER.deviation(machine, held.q)
+    before, after = (
+        np.sqrt(np.mean(prediction_errors(forward, held) ** 2, axis=0))
+        for forward in (machine.forward, found.machine.forward)
+    )
+    assert (before > 2.0 * noise).all()
+    assert (after < 1.5 * noise).all()
+    poses = machine.forward(study_poses(machine, 300, seed=99))
+    off_before, off_after = (
+        positioning_errors(machine, errors, inverse, poses) for inverse in (machine.inverse, found.machine.inverse)
+    )
+    assert (off_after.std(axis=0) < 0.15 * off_before.std(axis=0)).all()
+    assert (off_after.std(axis=0) < noise).all()
+
+
+def plant_specimen(seed):
+    """Return the assembly that the plant of `seed` is, and the measurements a laser makes of it at rest."""
+    truth, levels = load_truth(FOUR_DOF, 'nominal')
+    specimen = assemble(FOUR_DOF, truth, levels, seed)
+    q = study_poses(FOUR_DOF, 60, seed=3)
+    pose = specimen.end_point(q - specimen.encoder_offset, np.zeros((60, 0)))
+    step = 0.91e-6 * np.array([1.0, 1.0, 1.0, 1.0 / 0.05])
+    return specimen, Measurements(q, step * np.round((pose - pose[0]) / step))
+
+
+def test_specimen_of_the_plant_is_calibrated_too():
+    specimen, seen = plant_specimen(3)
+    used, held = seen.split()
+    found = calibrated(FOUR_DOF, used)
+    after = prediction_errors(found.machine.forward, held)
+    assert np.abs(after[:, :3]).max() < 1e-6
+    for link, length in specimen.lengths.items():
+        nominal = 0.1166 if link.startswith('k') else 0.07
+        assert nominal + found.errors[link] == pytest.approx(length, abs=4.0 * found.deviations[link])
+
+
+def test_what_the_datum_hides_is_told_and_left_at_the_drawing(first):
+    _, found, _ = first
+    hidden = [parts for value, parts in found.identifiability.hardly_known(share=0.1) if value < 1e-6]
+    assert [set(parts) for parts in hidden if 'dz' in parts] == [{'dz'}]  # height of the end-effector
+    assert len(hidden) == 3
+    # shifting both sliders of a guide is like shifting the other platform: only the end-effector's datum moves
+    assert {name for parts in hidden for name in parts} == {'dx', 'dy', 'dz', 'd1', 'd3', 'd5', 'd7'}
+    assert found.errors['dz'] == pytest.approx(0.0, abs=1e-12)
+    assert found.deviations['dz'] == pytest.approx(found.priors['dz'])
+    assert found.deviations['l2'] < 0.5 * found.priors['l2']
+
+
+def test_inverse_of_the_calibrated_model_undoes_its_forward(first):
+    _, found, _ = first
+    q = study_poses(FOUR_DOF, 200, seed=4)
+    np.testing.assert_allclose(found.machine.inverse(found.machine.forward(q)), q, atol=1e-13)
+
+
+def test_machine_file_holds_each_length_and_mark_and_keeps_the_rest(first, tmp_path):
+    _, found, _ = first
+    path = tmp_path / 'four_dof.yaml'
+    write_calibrated_machine(path, 'four_dof', found, 'a test')
+    again = load_machine(path)
+    assert again.name == 'four_dof'
+    assert again.drawing.config == FOUR_DOF.config
+    # a nanometre is written
+    for (name, value), (_, wanted) in zip(again.config.built, found.machine.config.built, strict=True):
+        assert name == 'marks' or value == pytest.approx(wanted, abs=0.6e-9)
+    assert dict(again.config.built.marks) == pytest.approx(dict(found.machine.config.built.marks), abs=0.6e-9)
+    q = study_poses(FOUR_DOF, 50, seed=5)
+    np.testing.assert_allclose(again.forward(q), found.machine.forward(q), rtol=0.0, atol=1e-7)  # rad; nanometres
+    # and once more from it
+    write_calibrated_machine(tmp_path / 'again.yaml', path, found, 'a test')
+    assert (tmp_path / 'again.yaml').read_text() == path.read_text()
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ('  l4: ', '  l5: ', r"unknown key 'built\.l5'; known: \['dx', "),
+        ('  l4: 7', '  l4: 1.0 mm  # ', r'built\.l4 1 mm; allowed 69 to 71 mm'),
+        ('  dz: ', '  dz: 12 mm  # ', r'built\.dz 12 mm; allowed 9 to 11 mm'),
+        ('    d7: ', '    d7: -2 mm  # ', r'built\.marks\.d7 -2 mm; allowed -1 to 1 mm'),
+        ('    d7: ', '    d7: 2  # ', r'built\.marks\.d7: 2 has no unit'),
+    ],
+)
+def test_calibrated_machine_file_that_makes_no_sense_is_refused(first, old, new, message, tmp_path):
+    path = tmp_path / 'four_dof.yaml'
+    write_calibrated_machine(path, 'four_dof', first[1], 'a test')
+    drawing, section = path.read_text().split('built:')
+    assert old in section
+    path.write_text(drawing + 'built:' + section.replace(old, new))
+    with pytest.raises(ConfigError, match=message) as refused:
+        load_machine(path)
+    assert str(refused.value).startswith(str(path))
+
+
+def test_cell_of_a_calibrated_machine_puts_the_end_point_nearer(tmp_path):
+    """The specimen of the plant, measured, calibrated, written to a file; then commanded through that file."""
+    seed, path = 3, tmp_path / 'four_dof.yaml'
+    used, _ = plant_specimen(seed)[1].split()
+    write_calibrated_machine(path, 'four_dof', calibrated(FOUR_DOF, used), 'the plant')
+    known = load_machine(path)
+    wanted = FOUR_DOF.forward(study_poses(FOUR_DOF, 200, seed=7))
+
+    def off(machine):
+        specimen = Plant(machine, seed).truth.assembly  # the same one: only what is known of it differs
+        reached = specimen.end_point(machine.inverse(wanted) - specimen.encoder_offset, np.zeros((200, 0))) - wanted
+        return (reached - reached.mean(axis=0)).std(axis=0)
+
+    before, after = off(FOUR_DOF), off(known)
+    assert (before[:3] > [2e-6, 4e-6, 0.8e-6]).all()
+    assert (after < 0.15 * before).all()
+
+
+def test_measurements_file_round_trips(tmp_path):
+    _, seen = measured(FOUR_DOF, seed=5, poses=10)
+    write_measurements(tmp_path / 'laser.csv', FOUR_DOF, seen)
+    again = read_measurements(tmp_path / 'laser.csv', FOUR_DOF)
+    np.testing.assert_allclose(again.q, seen.q, atol=1e-12)
+    np.testing.assert_allclose(again.displacement, seen.displacement, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('line', 'text', 'message'),
+    [
+        (0, 'd1,d3,d5,d7,x,y,z,phi', "heading 'd1,d3,d5,d7,x,y,z,phi'; expected d1_mm,d3_mm"),
+        (2, '79.5,139.5,139.5,79.5,nan,0,0,0', r"line 3: x_um = 'nan'; expected a finite number"),
+        (2, '79.5,139.5,139.5,79.5,0,0,0', 'line 3 has 7 cells; expected 8'),
+        (2, '79.5,139.5,139.5,far,0,0,0,0', "d7_mm = 'far'"),
+        (2, '179.5,139.5,139.5,79.5,0,0,0,0', r'row 1: d1 = 179.5 mm; allowed 59.5 to 99.5 mm'),
+    ],
+)
+def test_wrong_measurements_are_refused_by_line_and_cell(line, text, message, tmp_path):
+    _, seen = measured(FOUR_DOF, seed=5, poses=10)
+    path = tmp_path / 'laser.csv'
+    write_measurements(path, FOUR_DOF, seen)
+    lines = path.read_text().splitlines()
+    lines[line] = text
+    path.write_text('\n'.join(lines))
+    with pytest.raises(PkmError, match=message):
+        read_measurements(path, FOUR_DOF)
+    with pytest.raises(PkmError, match='cannot be read'):
+        read_measurements(tmp_path / 'none.csv', FOUR_DOF)
+
+
+def test_too_few_or_broken_measurements_are_refused():
+    _, seen = measured(FOUR_DOF, seed=5, poses=10)
+    few = Measurements(seen.q[:4], seen.displacement[:4])
+    with pytest.raises(PkmError, match='4 poses measured; 13 unknowns ask for at least 5'):
+        calibrated(FOUR_DOF, few)
+    broken = Measurements(seen.q, np.where(np.arange(10)[:, np.newaxis] == 3, np.nan, seen.displacement))
+    with pytest.raises(PkmError, match='a displacement is not finite'):
+        calibrated(FOUR_DOF, broken)
+
+
+def test_misfit_tells_of_errors_the_model_lacks():
+    q = study_poses(FOUR_DOF, 60, seed=6)
+    # a guide bent by 20 um over its length is no length and no mark
+    bent = end_point(FOUR_DOF, q, {'d1': 20e-6 * np.sin((q[:, 0] - 0.0595) / 0.04 * 2.0 * np.pi)})
+    seen = Measurements(q, bent - bent[0])
+    assert calibrated(FOUR_DOF, seen).misfit > 3.0

@@ -1,0 +1,63 @@
+"""Random machines: only the plant differs, the same seed gives the same, and nothing of it remains."""
+
+import os
+
+import numpy as np
+import pytest
+
+from pkm_core.control.model import load_model
+from pkm_core.control.robust import load_control
+from pkm_core.errors import ConfigError
+from pkm_core.experiments.random_machines import random_machine, study
+from pkm_core.learning import make_law
+from pkm_core.machines import load_machine
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
+
+MACHINE = load_machine('planar')
+CONTROL = load_control(MACHINE)
+TRAJECTORY = to_joints(MACHINE, plan(MACHINE, load_motion('planar_80ms')))
+
+
+def counts(seed):
+    """Return the readings of a first cycle; the same noise for all machines."""
+    with random_machine(MACHINE, seed):
+        return run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, 1).counts
+
+
+def test_same_seed_gives_the_same_machine_and_another_another():
+    nominal = run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, 1).counts
+    first = counts((1, 0))
+    np.testing.assert_array_equal(counts((1, 0)), first)
+    assert (counts((1, 1)) != first).any()
+    assert (nominal != first).any()
+
+
+def test_controllers_keep_their_knowledge():
+    with random_machine(MACHINE, 5):
+        assert load_model(MACHINE) == load_model(load_machine('planar'))
+        inside = load_model(MACHINE), load_control(MACHINE)
+    assert inside == (load_model(MACHINE), CONTROL)
+
+
+def test_environment_is_as_before_afterwards(monkeypatch):
+    monkeypatch.delenv('PKM_CONFIG', raising=False)
+    with random_machine(MACHINE, 5):
+        assert 'PKM_CONFIG' in os.environ
+    assert 'PKM_CONFIG' not in os.environ
+
+
+def test_study_tells_every_machine_by_cycle():
+    law = make_law('inverse', MACHINE, CONTROL)
+    found = study(MACHINE, TRAJECTORY, CONTROL, law, machines=2, cycles=3)
+    assert found.error.shape == found.settling_time_5um.shape == (2, 3)
+    assert found.error[0, 0] != found.error[1, 0]
+    assert (found.error[:, 2] < found.error[:, 0]).all()
+    np.testing.assert_array_equal(found.converged(1), found.error[:, 2])
+
+
+def test_unknown_environment_is_refused_by_name():
+    refusal = "environment 'storm' is unknown; known: .*'nominal'"
+    with pytest.raises(ConfigError, match=refusal), random_machine(MACHINE, 1, 'storm'):
+        pass

@@ -1,0 +1,96 @@
+"""Learned feedforward on disk: it comes back as it went, and nothing else passes for it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pkm_core.control.robust import load_control
+from pkm_core.errors import LearningError
+from pkm_core.learning import store
+from pkm_core.machines import load_machine
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+
+MACHINE = load_machine('planar')
+CONTROL = load_control(MACHINE)
+TRAJECTORY = to_joints(MACHINE, plan(MACHINE, load_motion('planar_80ms')))
+ORIGIN = store.origin_of(MACHINE, 'planar_80ms', 'basis', CONTROL, TRAJECTORY)
+PARAMETERS = {'d1': {'velocity': 0.1 + 0.2}, 'd3': {'velocity': -1e-17}}
+
+
+@pytest.fixture
+def path(tmp_path):
+    feedforward = np.random.default_rng(6).standard_normal(TRAJECTORY.position.shape)
+    store.save(tmp_path / 'learned.npz', store.Learned(ORIGIN, feedforward, PARAMETERS))
+    return tmp_path / 'learned.npz'
+
+
+def test_what_is_loaded_is_what_was_saved_bit_for_bit(path):
+    expected = np.random.default_rng(6).standard_normal(TRAJECTORY.position.shape)
+    np.testing.assert_array_equal(store.load(path, ORIGIN), expected)
+    assert store.load_parameters(path, ORIGIN) == PARAMETERS
+    assert store.read(path).origin == ORIGIN
+
+
+@pytest.mark.parametrize('field', ['machine', 'motion', 'sample_time', 'config', 'reference'])
+def test_feedforward_of_something_else_is_refused_by_what_differs(path, field):
+    with pytest.raises(LearningError, match=f'was learned for another {field} .*, here 7'):
+        store.load(path, replace(ORIGIN, **{field: 7}))
+
+
+def test_feedforward_may_be_driven_under_another_law_but_parameters_may_not(path):
+    other = replace(ORIGIN, law='inverse')
+    store.load(path, other)
+    with pytest.raises(LearningError, match="another law 'basis', here 'inverse'"):
+        store.load_parameters(path, other)
+
+
+def test_parameters_hold_for_another_motion(path):
+    assert store.load_parameters(path, replace(ORIGIN, motion='other', reference='0')) == PARAMETERS
+
+
+def test_origin_tells_machines_gains_and_motions_apart():
+    softer = {joint: gains.model_copy(update={'kp': 0.9 * gains.kp}) for joint, gains in CONTROL.items()}
+    other = store.origin_of(MACHINE, 'planar_80ms', 'basis', softer, TRAJECTORY)
+    assert other.config != ORIGIN.config
+    assert other.reference == ORIGIN.reference
+    longer = load_motion('planar_80ms').model_copy(update={'move_time': 90e-3})
+    moved = store.origin_of(MACHINE, 'planar_80ms', 'basis', CONTROL, to_joints(MACHINE, plan(MACHINE, longer)))
+    assert moved.reference != ORIGIN.reference
+    assert moved.config == ORIGIN.config
+    assert store.origin_of(MACHINE, 'planar_80ms', 'basis', CONTROL, TRAJECTORY) == ORIGIN
+
+
+@pytest.mark.parametrize('content', [b'', b'no zip', b'PK\x03\x04 broken'])
+def test_file_that_is_none_is_refused(tmp_path, content):
+    path = tmp_path / 'wrong.npz'
+    path.write_bytes(content)
+    with pytest.raises(LearningError, match=r'wrong.npz: (is no file of learned feedforward|cannot be read)'):
+        store.load(path, ORIGIN)
+
+
+def test_missing_file_and_foreign_archive_are_refused(tmp_path):
+    with pytest.raises(LearningError, match='cannot be read: No such file'):
+        store.load(tmp_path / 'none.npz', ORIGIN)
+    np.savez(tmp_path / 'foreign.npz', a=np.zeros(3))
+    with pytest.raises(LearningError, match='is no file of learned feedforward'):
+        store.load(tmp_path / 'foreign.npz', ORIGIN)
+
+
+@pytest.mark.parametrize('feedforward', [np.full((4, 2), np.nan), np.zeros(4), np.zeros((4, 2), dtype=int)])
+def test_feedforward_that_cannot_be_driven_is_refused(tmp_path, feedforward):
+    store.save(tmp_path / 'odd.npz', store.Learned(ORIGIN, feedforward, {}))
+    with pytest.raises(LearningError, match='is not finite float64'):
+        store.load(tmp_path / 'odd.npz', ORIGIN)
+
+
+def test_file_without_parameters_says_so(tmp_path):
+    store.save(tmp_path / 'plain.npz', store.Learned(ORIGIN, np.zeros((4, 2)), {}))
+    with pytest.raises(LearningError, match='holds no parameters'):
+        store.load_parameters(tmp_path / 'plain.npz', ORIGIN)
+
+
+def test_folder_that_does_not_exist_is_refused(tmp_path):
+    with pytest.raises(LearningError, match='cannot be written: No such file'):
+        store.save(tmp_path / 'none' / 'x.npz', store.Learned(ORIGIN, np.zeros((4, 2)), {}))

@@ -1,0 +1,236 @@
+"""Report: figures that follow from the bags, the thesis's beside them, on a page that needs nothing beside itself."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.errors import PkmError
+from pkm_core.motion.metrics import axis_metrics
+from pkm_core.reporting.histories import ARM, end_point_histories, joint_histories, laser_histories
+from pkm_core.reporting.report import write_report
+from pkm_core.reporting.runs import read_run, read_runs
+from pkm_core.reporting.spectrum import amplitude_spectrum
+from pkm_core.reporting.summary import axis_figures
+from pkm_core.thesis.results import END_POINT, JOINT_SPACE
+from pkm_core.verbs.report import report as verb
+
+FIGURES = {'error_over_cycles', 'tracking', 'pose_tracking', 'error', 'spectrum', 'voltage', 'settling', 'end_point'}
+
+
+@pytest.fixture(scope='module')
+def make_run(start_recording_in, make_cycle):
+    """Return a function that writes a run of two cycles whose error falls to a tenth, as `pkm run` leaves it."""
+
+    def make(folder, machine='four_dof', laser=False):
+        for number, amplitude in ((1, 20e-6), (2, 2e-6)):
+            cycle = make_cycle(machine, amplitude)
+            recording = start_recording_in(folder / 'bags', cycle, number, first_tick=400 * number, laser=laser)
+            recording.ticks()
+            if laser:
+                measure(recording)
+            recording.close()
+        ran = {'machine': machine, 'law': 'fourier', 'seed': 7, 'messages': {}, 'cycles': []}
+        (folder / 'results.json').write_text(json.dumps(ran))
+        return folder
+
+    return make
+
+
+def measure(recording):
+    """Let a laser see, every 0.8 ms, the wanted pose and 3 um, in phi 3 um on `ARM`, from the first move on."""
+    poses = recording.cycle.poses
+    for number in range(250):
+        time = number * 0.8e-3
+        pose = [np.interp(time, np.arange(400) * 5e-4, column) for column in poses.position.T]
+        moved = time >= poses.move_starts[0] * 5e-4
+        recording.laser(time, pose - poses.position[0] + 7e-6 - moved * np.array([3e-6, 3e-6, 3e-6, 3e-6 / ARM]))
+
+
+class Page(HTMLParser):
+    """What a browser would see and load."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.tags, self.links, self.cells, self._row = [], [], [], None
+        self.feed(path.read_text(encoding='utf-8'))
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.links += [value for key, value in attributes if key in ('src', 'href')]
+        if tag == 'tr':
+            self.cells.append([])
+        elif tag in ('td', 'th'):
+            self.cells[-1].append('')
+            self._row = self.cells[-1]
+
+    def handle_endtag(self, tag):
+        if tag in ('td', 'th'):
+            self._row = None
+
+    def handle_data(self, data):
+        if self._row is not None:
+            self._row[-1] += data
+
+
+@pytest.fixture(scope='module')
+def report(make_run, start_recording_in, tmp_path_factory):
+    """Return (folder, runs, figures) of a report on two runs; the first has a laser, a cut bag and a killed one."""
+    folder = tmp_path_factory.mktemp('report')
+    first, second = make_run(folder / 'first', laser=True), make_run(folder / 'second', 'planar')
+    cut = start_recording_in(first / 'bags', number=3)
+    cut.ticks(100)
+    cut.close()
+    start_recording_in(first / 'bags', number=4)
+    return folder, *write_report([first, second], folder)
+
+
+@pytest.fixture(scope='module')
+def page(report):
+    return Page(report[0] / 'report.html')
+
+
+def test_page_needs_nothing_beside_itself(report, page):
+    assert not {'script', 'link', 'iframe', 'object'} & set(page.tags)
+    assert all(link.startswith(('data:image/svg+xml;base64,', '#')) for link in page.links)
+    assert page.tags.count('img') == len(FIGURES)
+    text = (report[0] / 'report.html').read_text()
+    assert not re.search(r'url\(|@import', text)
+    assert len(text) < 3e6, 'a page that can be mailed'
+
+
+def test_every_figure_is_a_png_beside_the_page(report):
+    pngs = {path.stem: path for path in report[0].glob('*.png')}
+    assert set(pngs) == FIGURES
+    assert all(path.read_bytes().startswith(b'\x89PNG') for path in pngs.values())
+
+
+def test_figures_are_those_of_the_bags(report, make_cycle):
+    _, _, figures = report
+    cycle = make_cycle('four_dof', 20e-6)
+    moves = (cycle.joints.move_starts, cycle.joints.move_ends, 5e-4)
+    ours = dict(zip(cycle.machine.joints, (axis_figures(axis_metrics(e, *moves)) for e in cycle.error.T), strict=True))
+    first = figures['runs'][0]
+    assert first['joints'][1] == ours
+    assert first['cycles'][0] == {'cycle': 1, 'axes': ours}
+
+
+def test_two_runs_and_the_thesis_stand_side_by_side(page, make_cycle):
+    ours = [f'{run}, cycle {cycle}' for run in ('first', 'second') for cycle in (1, 2)]
+    theirs = ['thesis, computed torque', 'thesis, robust', 'thesis, robust learning']
+    assert ['', 'axis', *ours, *theirs] in page.cells
+    assert ['', 'axis', *ours, 'thesis, single stages', *theirs] in page.cells
+    errors = [f'{1e6 * np.abs(make_cycle("four_dof", a).error[:, 3]).max():.1f}' for a in (20e-6, 2e-6)]
+    assert ['', 'd7', *errors, '', '', '140.2', '47.0', '5.6'] in page.cells, 'the planar machine has no d7'
+    assert ['machine', 'four_dof', 'planar'] in page.cells
+    assert ['seed', '7', '7'] in page.cells
+
+
+def test_bag_that_is_cut_or_damaged_is_left_out_and_named(report):
+    folder, runs, figures = report
+    assert [record.cycle for record in runs[0].records] == [1, 2]
+    ends, killed = figures['runs'][0]['remarks']
+    assert 'short_0003: ends after 100 of 400 ticks' in ends
+    assert 'short_0004: has no metadata.yaml' in killed
+    assert 'short_0003: ends after 100 of 400 ticks' in (folder / 'report.html').read_text()
+
+
+def test_laser_tells_the_end_point_from_its_own_clock(report, page):
+    _, runs, figures = report
+    for axis in figures['runs'][0]['laser'][1].values():
+        assert axis['steady_state_error_um'] == pytest.approx(3.0, abs=1e-6), 'its datum counts for nothing'
+        assert axis['settling_5um_ms'] == 0.0
+        assert axis['settling_1um_ms'] is None
+    histories = laser_histories(runs[0].records[1])
+    assert histories.sample_time == pytest.approx(0.8e-3)
+    assert histories.move_ends.tolist() == [63, 188], 'ends of the profiles at 50 and 150 ms'
+    assert any(row[1:3] == ['x', 'never'] for row in page.cells), 'within 1 um'
+    assert 'laser' not in figures['runs'][1]
+
+
+def test_verb_writes_beside_the_run_and_the_same_page_again(make_run, tmp_path, capsys):
+    folder = make_run(tmp_path / 'run', 'planar')
+    verb(folder, compare=None, out=None, json_file=tmp_path / 'figures.json')
+    assert str(folder / 'report' / 'report.html') in capsys.readouterr().out.replace('\n', '')
+    _, figures = write_report([folder], tmp_path / 'again')
+    assert json.loads((tmp_path / 'figures.json').read_text()) == json.loads(json.dumps(figures))
+    assert (folder / 'report' / 'report.html').read_bytes() == (tmp_path / 'again' / 'report.html').read_bytes()
+
+
+def test_runs_of_the_same_name_are_told_apart(make_run, tmp_path):
+    folders = [make_run(tmp_path / name / 'run', 'planar') for name in 'ab']
+    assert [run.name for run in read_runs(folders)] == [str(folder) for folder in folders]
+
+
+def test_end_point_is_the_forward_kinematics_of_the_encoders(make_run, tmp_path):
+    run = read_run(make_run(tmp_path))
+    histories = end_point_histories(run.records[0], run.machine)
+    assert histories.names == ('x', 'y', 'z', 'phi')
+    assert np.array_equal(histories.measured, run.machine.forward(run.records[0].position))
+    # to first order the Jacobian carries joint errors to the pose; 80 um over 100 mm leave 1e-3 of them to second order
+    jacobian = run.machine.jacobian(run.records[0].position)
+    expected = np.einsum('kij,kj->ki', jacobian, run.records[0].error) * [1.0, 1.0, 1.0, ARM]
+    assert histories.error == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
+
+
+def test_move_has_the_metrics_of_its_own_stretch(make_run, tmp_path):
+    record = read_run(make_run(tmp_path)).records[0]
+    for axis, metrics in joint_histories(record).metrics_of_moves().items():
+        error = record.error[:, record.joints.index(axis)]
+        second = record.move_starts[1]
+        assert metrics[0] == axis_metrics(error[:second], record.move_starts[:1], record.move_ends[:1], 5e-4)
+        assert metrics[1] == axis_metrics(error[second:], [0], record.move_ends[1:] - second, 5e-4)
+
+
+def test_facts_that_all_bags_share_are_facts_of_the_run(start_recording_in, tmp_path):
+    for number in (1, 2):
+        facts = {'machine': 'four_dof', 'git_revision': '0123abc', 'cycle': str(number)}
+        recording = start_recording_in(tmp_path, number=number, metadata=facts)
+        recording.ticks()
+        recording.close()
+    assert read_run(tmp_path).facts == {'machine': 'four_dof', 'git_revision': '0123abc'}
+
+
+def test_folder_without_a_run_is_refused(make_run, start_recording_in, tmp_path):
+    with pytest.raises(PkmError, match='nowhere: no such folder'):
+        read_run(tmp_path / 'nowhere')
+    with pytest.raises(PkmError, match='has no whole cycle in 0 bags'):
+        read_run(tmp_path)
+    folder = make_run(tmp_path / 'run')
+    (folder / 'results.json').write_text('{')
+    with pytest.raises(PkmError, match=r'results\.json: cannot be read as the results of a run'):
+        read_run(folder)
+    (folder / 'results.json').unlink()
+    with pytest.raises(PkmError, match=r'neither results\.json nor the bags say which machine'):
+        read_run(folder)
+    recording = start_recording_in(folder / 'bags', number=3, motion='other')
+    recording.ticks()
+    recording.close()
+    with pytest.raises(PkmError, match=r"has cycles of several motions, \['other', 'short'\]"):
+        read_run(folder)
+
+
+def test_report_that_cannot_be_written_is_refused(make_run, tmp_path):
+    with pytest.raises(PkmError, match='/proc/nowhere: cannot be written'):
+        write_report([make_run(tmp_path)], '/proc/nowhere')
+
+
+def test_spectrum_shows_a_sine_as_its_amplitude(write_bag, make_cycle):
+    record = read_cycle(write_bag(make_cycle(offset=1e-6)))
+    frequency, amplitude = amplitude_spectrum(record.error, record.sample_time)
+    assert frequency[-1] == 1000.0
+    # Parseval: the amplitudes hold the mean square of the error
+    power = amplitude**2 / 2
+    power[[0, -1]] *= 2
+    assert power.sum(axis=0) == pytest.approx(np.mean(record.error**2, axis=0))
+    assert abs(frequency[amplitude[1:, 0].argmax() + 1] - 80.0) < 10.0
+
+
+@pytest.mark.parametrize('table', [*JOINT_SPACE.values(), *END_POINT.values()])
+def test_table_of_the_thesis_has_a_cell_for_every_column(table):
+    axes = {quantity: list(values) for quantity, values in table.values.items()}
+    assert len(set(map(tuple, axes.values()))) == 1
+    assert all(len(row) == len(table.columns) for values in table.values.values() for row in values.values())

@@ -1,0 +1,121 @@
+"""The closed loop without ROS: the same bits again, the error the robust law leaves, and what learning makes of it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from pkm_core.control.robust import load_control
+from pkm_core.errors import PkmError
+from pkm_core.learning import make_law
+from pkm_core.machines import load_machine
+from pkm_core.motion.metrics import axis_metrics
+from pkm_core.motion.planning import load_motion, plan
+from pkm_core.motion.trajectory import to_joints
+from pkm_core.simulation.cycles import run_cycles
+
+MOTIONS = {'four_dof': 'four_dof_70ms', 'planar': 'planar_80ms'}
+UM = 1e6
+
+
+@cache
+def setup(name):
+    machine = load_machine(name)
+    return machine, to_joints(machine, plan(machine, load_motion(MOTIONS[name]))), load_control(machine)
+
+
+@cache
+def run(name, law, cycles, seed=1, environment='nominal'):
+    machine, trajectory, control = setup(name)
+    law = law and make_law(law, machine, control)
+    return run_cycles(machine, trajectory, control, law, cycles, seed, environment)
+
+
+def dynamic_error(records):
+    """Return the max dynamic error [um] as (cycles, n)."""
+    return UM * records.metric('max_dynamic_error')
+
+
+def test_records_hold_what_the_loop_saw():
+    machine, trajectory, _ = setup('four_dof')
+    records = run('four_dof', 'fourier', 2)
+    assert records.joints == machine.joints
+    assert records.counts.dtype == np.int64
+    assert records.error.shape == records.counts.shape == records.voltage.shape == records.feedforward.shape
+    np.testing.assert_array_equal(records.error, trajectory.position - records.counts * machine.encoder_resolution)
+    assert np.abs(records.voltage).max() <= machine.voltage_limit
+    expected = axis_metrics(records.error[1, :, 2], trajectory.move_starts, trajectory.move_ends, machine.sample_time)
+    assert records.metrics[1][2] == expected
+
+
+def test_same_seed_gives_the_same_bits_however_many_cycles_follow():
+    machine, trajectory, control = setup('four_dof')
+    again = run_cycles(machine, trajectory, control, make_law('fourier', machine, control), 1, 1)
+    for name in ('error', 'counts', 'voltage', 'feedforward'):
+        np.testing.assert_array_equal(getattr(again, name)[0], getattr(run('four_dof', 'fourier', 2), name)[0])
+
+
+def test_another_seed_gives_other_noise():
+    assert (run('four_dof', None, 2).counts != run('four_dof', None, 2, seed=2).counts).any()
+
+
+def test_feedforward_of_a_cycle_is_the_law_of_the_cycle_before():
+    machine, _, control = setup('four_dof')
+    records, law = run('four_dof', 'fourier_pid', 8), make_law('fourier_pid', machine, control)
+    assert not records.feedforward[0].any()
+    for axis, joint in enumerate(machine.joints):
+        expected = law.update(joint, records.error[4, :, axis], records.feedforward[4, :, axis], 4, machine.sample_time)
+        np.testing.assert_array_equal(records.feedforward[5, :, axis], expected)
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+def test_robust_control_alone_leaves_tens_of_micrometres_and_settles(name):
+    records = run(name, None, 2)
+    error = dynamic_error(records)
+    assert error.max() < 35.0  # 20 to 28 um seen; the thesis's robust controller left 9 to 47 um
+    assert error.min() > 5.0
+    assert np.nanmax(records.metric('settling_time_5um')) < 40e-3
+    assert np.abs(records.metric('steady_state_error')).max() < 1e-6
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+def test_learning_through_the_whole_pid_reaches_micrometres_after_six_updates(name):
+    records = run(name, 'fourier_pid', 8)
+    assert dynamic_error(records)[6:].max() <= 2.0  # 0.5 to 1.5 um seen
+    assert records.metric('settling_time_5um')[4:].max() == 0.0
+
+
+def test_first_updates_of_the_thesis_law_halve_the_error():
+    error = dynamic_error(run('four_dof', 'fourier', 4))
+    assert (error[3] < 0.6 * error[0]).all()
+
+
+def test_cycle_boundary_does_not_disturb_the_rest():
+    _, trajectory, _ = setup('four_dof')
+    records = run('four_dof', 'fourier_pid', 8)
+    before_first_move = records.error[1:, : trajectory.move_starts[0]]
+    assert UM * np.abs(before_first_move).max() < 1.6  # 1.0 seen; 2.4 when the feedforward's step was not taken up
+
+
+def test_fault_of_the_machine_ends_the_run_with_cycle_and_sample():
+    machine, trajectory, control = setup('four_dof')
+    wrong = {joint: gains.model_copy(update={'kp': -gains.kp}) for joint, gains in control.items()}  # runs away
+    with pytest.raises(PkmError, match=r'cycle 1, sample \d+: '):
+        run_cycles(machine, trajectory, wrong, None, 1, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', MOTIONS)
+@pytest.mark.parametrize(('law', 'from_cycle', 'limit'), [('fourier', 12, 4.5), ('fourier_pid', 8, 2.5)])
+def test_law_stays_converged_for_forty_cycles(name, law, from_cycle, limit):
+    # what diverges does so slowly: it looks converged at cycle 4 and is at 100 um by cycle 24
+    for seed in (1, 2):
+        assert dynamic_error(run(name, law, 40, seed))[from_cycle:].max() < limit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', MOTIONS)
+def test_learning_helps_in_the_hard_environment(name):
+    error = dynamic_error(run(name, 'fourier_pid', 20, environment='hard'))
+    assert error[8:].mean() < 0.25 * error[0].mean()
+    assert error[8:].max() < 12.0

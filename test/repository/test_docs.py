@@ -1,0 +1,255 @@
+"""
+The README and the pages of docs: every command and every file in them is run, and what they promise comes out.
+
+A page is run from its top to its bottom in an empty folder, as somebody would who follows it: bash line by line, and a
+block below a line that names a file and ends with a colon is that file. What a block marked `stays` starts stays until
+its section ends. What is not run is in EXEMPT, with the reason.
+"""
+
+import ast
+import json
+import re
+import shutil
+import sys
+from itertools import pairwise
+from pathlib import Path
+from time import monotonic, sleep
+
+import pytest
+
+DOMAIN = 63
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+RUNNABLE = {'bash', 'python'}
+SLOW = ['control.md', 'design.md']
+# page, beginning of a command: why it is not run
+EXEMPT = {
+    ('README.md', 'bringup_scripts/test'): 'it is what runs this test; CI is a run of it',
+    ('control.md', 'ros2 launch '): 'there is no launch among the wheels; test/nodes/test_launch.py reads the file',
+    ('launch.md', 'ros2 '): 'there is no launch among the wheels; test/nodes/test_launch.py reads the file',
+    ('docker.md', 'docker '): 'there is no Docker engine; test/repository/test_docker.py reads the files',
+    ('docker.md', 'PKM_SECURITY=true '): 'there is no Docker engine',
+    ('servo_tick.md', '.venv/bin/uv pip install '): 'it fetches from the network',
+    ('servo_tick.md', '.venv/bin/pkm bench '): 'it takes many minutes; test_bench.py runs a turn of it',
+}
+# part of a command: what it must print
+EXPECTED = {
+    'run --': ' 0 lost',
+    'ros2 node list': '/pkm/joint_controller_d7',
+    'ros2 topic list -t': '/pkm/d1/encoder [pkm_interfaces/msg/EncoderSample]',
+    'motion: four_dof_70ms': 'Goal finished with status: SUCCEEDED',
+    'poses:': 'Goal finished with status: SUCCEEDED',
+    'param get': 'String value is: d1',
+    'param set': 'Set parameter successful',
+    'service call /pkm/machine/reset': 'success=True',
+    'pkm report': 'report.html',
+    'pkm calibrate': 'the calibrated machine is ',
+    'pkm convergence': '',
+}
+BLOCK = re.compile(r'(?P<above>[^\n]*)\n```(?P<kind>\w+)(?P<mark>[^\n]*)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
+
+
+def sections(page):
+    """Return the blocks of `page`, as matches of `BLOCK`, by section."""
+    text = page.read_text(encoding='utf-8')
+    prose = re.sub(r'^```.*?^```$', lambda block: ' ' * len(block[0]), text, flags=re.DOTALL | re.MULTILINE)
+    starts = [0, *(heading.start() for heading in re.finditer(r'^#+ ', prose, re.MULTILINE)), len(text)]
+    return [list(BLOCK.finditer(text, start, end)) for start, end in pairwise(starts)]
+
+
+def commands(block):
+    """Return the commands of a block of bash, lines that go on joined and comments dropped."""
+    lines = block['text'].replace('\\\n', ' ').splitlines()
+    return [line for line in lines if line.strip() and not line.startswith('#')]
+
+
+def file_of(block):
+    """Return the name of the file that a block is, '' if it is none."""
+    names = re.findall(r'`(\w+\.(?:py|yaml))`', block['above']) if block['above'].endswith(':') else []
+    return names[-1] if names else ''
+
+
+@pytest.fixture
+def checkout(processes):
+    """Return `processes` in a folder from which the commands work, but which is not the checkout."""
+    for name in ('bringup_scripts', '.venv'):
+        (processes.folder / name).symlink_to(ROOT / name)
+    shutil.copytree(ROOT / 'config', processes.folder / 'config')  # what a page changes must not be ours
+    path = [Path(sys.prefix) / 'bin', ROOT / 'bringup_scripts']
+    processes.environment['PATH'] = ':'.join([*map(str, path), processes.environment['PATH']])
+    return processes
+
+
+@pytest.mark.timeout(900)  # many cells, one after the other
+@pytest.mark.parametrize(
+    'page',
+    [
+        pytest.param(page, marks=[pytest.mark.slow] * (page.name in SLOW), id=page.name)
+        for page in PAGES
+        if RUNNABLE & {block['kind'] for section in sections(page) for block in section}
+    ],
+)
+def test_everything_on_a_page_runs_and_comes_out_as_it_says(checkout, page):
+    for section in sections(page):
+        stay, starting = [], None
+        for block in section:
+            name = file_of(block)
+            if name:
+                (checkout.folder / name).write_text(block['text'])
+            elif block['kind'] == 'python':
+                run_imports(block['text'])  # a sketch, with names that stand for what a reader has
+            for command in commands(block) if block['kind'] == 'bash' else ():
+                if any(key[0] == page.name and command.startswith(key[1]) for key in EXEMPT):
+                    continue
+                if block['mark'] == ' stays':
+                    starting = checkout.start('bash', '-c', f'exec {command}', log='stays')
+                    stay.append(starting)
+                    continue
+                if starting and 'pkm run' not in command:  # that one waits by itself
+                    wait_until_up(checkout, starting)
+                run(checkout, command)
+                starting = None
+        if starting:
+            wait_until_up(checkout, starting)
+        for process in stay:
+            checkout.stop(process)
+    CLAIMS.get(page.name, lambda folder: None)(checkout.folder)
+
+
+def run(checkout, command):
+    """Run a command to its end; it must end well and print what is expected of it."""
+    done = checkout.run('bash', '-c', command)
+    assert done.returncode == 0, f'{command}\n{done.stdout}{done.stderr}'
+    expected = [text for part, text in EXPECTED.items() if part in command]
+    assert expected or command.startswith(('cp ', 'sed ')), f'nothing is expected of {command}'
+    assert all(text in done.stdout for text in expected), f'{command}\n{done.stdout}{done.stderr}'
+
+
+def run_imports(text):
+    """Run the import statements of a piece of Python; all of it must be Python."""
+    lines = [node for node in ast.parse(text).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    exec(compile(ast.Module(lines, []), 'imports', 'exec'), {})
+
+
+def wait_until_up(checkout, process):
+    """Wait until the same nodes are seen twice."""
+    seen, deadline = '', monotonic() + 60.0  # starting up on a busy two-core machine
+    while True:
+        now = checkout.run('ros2', 'node', 'list').stdout
+        if now.strip() and now == seen:
+            return
+        log = (checkout.folder / 'stays').read_text()
+        assert process.poll() is None, log
+        assert monotonic() < deadline, log
+        seen = now
+        sleep(0.5)
+
+
+def test_every_block_is_of_a_known_kind():
+    for page in PAGES:
+        for block in (block for section in sections(page) for block in section):
+            assert block['kind'] in RUNNABLE | {'yaml', 'text', 'math'}, block[0]
+            assert block['mark'] in ('', ' stays'), block[0]
+
+
+def test_every_exemption_is_needed():
+    for name, beginning in EXEMPT:
+        page = next(page for page in PAGES if page.name == name)
+        blocks = [block for section in sections(page) for block in section if block['kind'] == 'bash']
+        assert any(command.startswith(beginning) for block in blocks for command in commands(block)), (name, beginning)
+    assert '\nbringup_scripts/test\n' in (ROOT / '.ci' / 'run').read_text(), 'CI is the run of the test command'
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_link_leads_somewhere(page):
+    text = page.read_text(encoding='utf-8')
+    for target in set(re.findall(r'\]\((?!http)([^)#]+)(?:#[^)]*)?\)', text)):
+        assert (page.parent / target).exists(), target
+
+
+@pytest.mark.slow
+def test_controller_that_stops_answering_is_named_as_its_page_says(checkout):
+    page = ROOT / 'docs' / 'own_controller.md'
+    blocks = [block for section in sections(page) for block in section]
+    (checkout.folder / 'my_controller.py').write_text(next(b['text'] for b in blocks if file_of(b)))
+    controller = checkout.start('python', 'my_controller.py', log='stays')
+    words = ('--without', 'joint_controller_d3', '--law', 'none', '--cycles', 1000, '--out', 'out')
+    run = checkout.start('pkm', 'run', *words, log='run')
+    deadline = monotonic() + 90.0
+    while len(list(checkout.folder.glob('out/bags/*'))) < 2:
+        assert monotonic() < deadline, (checkout.folder / 'run').read_text()
+        sleep(0.1)
+    controller.kill()
+    assert run.wait(timeout=60) == 1
+    promised = re.search(r'machine: tick \d+ (\(.*\)): no answer .*', page.read_text())[0]
+    pattern = re.sub(r'\d+', r'\\d+', re.escape(promised)).replace(r'\.', '.')
+    assert re.search(pattern, (checkout.folder / 'run').read_text())
+
+
+# what pages promise
+
+
+def figures(folder, run):
+    """Return [{joint: figures}] of the cycles of a run."""
+    return [cycle['axes'] for cycle in json.loads((folder / 'runs' / run / 'results.json').read_text())['cycles']]
+
+
+def errors(folder, run, cycle):
+    """Return {joint: largest dynamic error [um]}."""
+    return {joint: axis['max_dynamic_error_um'] for joint, axis in figures(folder, run)[cycle].items()}
+
+
+def row(page, beginning):
+    """Return the cells behind the first one of a table's row; figures as numbers."""
+    text = (ROOT / 'docs' / page).read_text(encoding='utf-8')
+    line = next(line for line in text.splitlines() if line.startswith(f'| {beginning}'))
+    cells = [cell.strip() for cell in line.strip('|').split('|')][1:]
+    return [float(cell) if re.fullmatch(r'-?[\d.]+', cell) else cell for cell in cells]
+
+
+def claims_of_readme(folder):
+    table, axis = [], ''
+    for line in PAGES[0].read_text(encoding='utf-8').splitlines():
+        cells = [cell.strip() for cell in line.strip('│').split('│')]
+        if line.startswith('│') and len(cells) >= 6 and (cells[0] == '' or re.fullmatch(r'd\d', cells[0])):
+            axis = cells[0] or axis
+            table.append((axis, *map(float, cells[1:4])))
+    assert len(table) == 8
+    cycles = figures(folder, 'first')
+    for axis, cycle, error, settling in table:
+        ours = cycles[int(cycle) - 1][axis]
+        # sines differ in the last bit between kinds of processors, and the encoder rounds: figures may move a little
+        assert ours['max_dynamic_error_um'] == pytest.approx(error, abs=0.5)
+        assert ours['settling_5um_ms'] == pytest.approx(settling, abs=2.0)
+
+
+def claims_of_own_controller(folder):
+    for run, beginning in (('robust', 'robust control (7.24)'), ('mine', 'my_controller.py')):
+        error, settling, rest = row('own_controller.md', beginning)
+        ours = figures(folder, run)[0]['d3']
+        assert ours['max_dynamic_error_um'] == pytest.approx(error, abs=0.5)
+        assert ours['steady_state_error_um'] == pytest.approx(rest, abs=0.5)
+        assert (ours['settling_5um_ms'] is None) == (settling == 'never')
+    text = (ROOT / 'docs' / 'own_controller.md').read_text(encoding='utf-8')
+    before, after = map(float, re.search(r'brings d3 from ([\d.]+) um to ([\d.]+) um in eight cycles', text).groups())
+    assert errors(folder, 'learned', 0)['d3'] == pytest.approx(before, abs=0.5)
+    assert errors(folder, 'learned', 7)['d3'] == pytest.approx(after, abs=0.5)
+
+
+def claims_of_own_drive(folder):
+    assert list(errors(folder, 'my_machine', 0).values()) == pytest.approx(
+        row('own_drive.md', 'my_machine.py'), abs=0.5
+    )
+    ours = row('own_drive.md', 'node `machine`')
+    text = (ROOT / 'docs' / 'own_drive.md').read_text(encoding='utf-8')
+    before, after = map(float, re.search(r'grows from ([\d.]+) to ([\d.]+) um', text).groups())
+    assert before == ours[1]
+    ours[1] = after
+    assert list(errors(folder, 'my_drive', 0).values()) == pytest.approx(ours, abs=0.5)
+
+
+CLAIMS = {
+    'README.md': claims_of_readme,
+    'own_controller.md': claims_of_own_controller,
+    'own_drive.md': claims_of_own_drive,
+}
