@@ -3,7 +3,7 @@ from os.path import dirname, join
 
 from setuptools import find_packages, setup
 
-CONFIG = sorted(glob('config/*/*.yaml'))  # config is a link to the top level's
+CONFIG = sorted(glob('config/**/*.yaml', recursive=True))  # config is a link to the top level's
 
 # `pkm VERB` is the function VERB of pkm_core/verbs/VERB.py
 VERBS = [

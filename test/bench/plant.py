@@ -22,7 +22,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.experiments.closed_chain import TICKS, MujocoChain, forces, reference, step_rigid
 from pkm_core.machines import load_machine
 from pkm_core.plant.plant import Plant
@@ -89,26 +89,22 @@ def take_turns(subjects):
 
 def convergence(machine, environment):
     """Return {substep [s]: largest difference [m] of a joint from the finest} over 70 ms of case (i)(a)."""
-    original, named = config_folder(), os.environ.get('PKM_CONFIG')
     volts = forces(machine) / machine.thrust_per_volt
     paths = {}
     with tempfile.TemporaryDirectory() as folder:
-        shutil.copytree(original, folder, dirs_exist_ok=True)
-        os.environ['PKM_CONFIG'] = folder
+        shutil.copytree(machine.configuration.folder, folder, dirs_exist_ok=True)
+        copied = machine.with_configuration(Configuration(Path(folder)))
         truth = Path(folder) / 'truth' / f'{machine.name}.yaml'
         text = truth.read_text()
         line = next(line for line in text.splitlines() if line.startswith('substep:'))
         configured = float(line.split()[1])  # us
         for factor in SUBSTEPS:
             truth.write_text(text.replace(line, f'substep: {factor * configured} us'))
-            plant, path = Plant(machine, 1, environment), []
+            plant, path = Plant(copied, 1, environment), []
             for row in volts:
                 plant.tick(row)
                 path.append(plant.truth.q)
             paths[1e-6 * factor * configured] = np.array(path)
-        del os.environ['PKM_CONFIG']
-        if named:
-            os.environ['PKM_CONFIG'] = named
     *coarser, finest = paths
     return {substep: float(np.abs(paths[substep] - paths[finest]).max()) for substep in coarser}
 

@@ -21,7 +21,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 
 CELLS = (1, 2, 4, 8, 16)
 RATES = (1, 2, 4, 8)  # kHz
@@ -130,7 +130,7 @@ def _overlap(cycle, begin, end):
 
 def at(rate, folder):
     """Return files of a machine like MACHINE with another servo rate [kHz], and of gains that its delay allows."""
-    text = (config_folder() / 'machines' / f'{MACHINE}.yaml').read_text()
+    text = (Configuration.of_environment().folder / 'machines' / f'{MACHINE}.yaml').read_text()
     line = next(line for line in text.splitlines() if line.startswith('sample_time:'))
     file = Path(folder) / f'{rate}_kHz' / f'{MACHINE}.yaml'
     file.parent.mkdir()
@@ -140,7 +140,7 @@ def at(rate, folder):
 
 def _softened(factor, file):
     """Write the gains of MACHINE to `file`, for a loop slower by `factor` than the tuned one, and return it."""
-    gains = yaml.safe_load((config_folder() / 'control' / f'{MACHINE}.yaml').read_text())
+    gains = yaml.safe_load((Configuration.of_environment().folder / 'control' / f'{MACHINE}.yaml').read_text())
     for joint in gains['joints'].values():
         for name, power in (('kp', 1), ('ki', 2), ('kd', 1)):
             value, _, unit = joint[name].partition(' ')

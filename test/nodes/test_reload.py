@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
+from pkm_core.machines import load_machine
 from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand, SampledTrajectory
 from pkm_nodes.nodes.joint_controller import JointControllerNode
 from pkm_nodes.nodes.learning import LearningNode
@@ -21,9 +22,15 @@ COLUMN = 1  # d3
 @pytest.fixture
 def config(tmp_path, monkeypatch):
     """Return a copy of the configuration that the nodes of the test read."""
-    folder = shutil.copytree(config_folder(), tmp_path / 'config')
+    folder = shutil.copytree(Configuration.of_environment().folder, tmp_path / 'config')
     monkeypatch.setenv('PKM_CONFIG', str(folder))
     return folder
+
+
+@pytest.fixture
+def machine(config):
+    """Return the machine with that configuration."""
+    return load_machine('four_dof')
 
 
 def scale(file, key, factor):

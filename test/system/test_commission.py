@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.control.robust import load_control
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan
@@ -20,7 +20,7 @@ PKM = Path(sys.prefix) / 'bin' / 'pkm'
 @pytest.fixture(scope='module')
 def tuning(tmp_path_factory):
     """Return a file that asks for what config/tuning/robust.yaml asks, of a search that ends in seconds."""
-    text = (config_folder() / 'tuning' / 'robust.yaml').read_text()
+    text = (Configuration.of_environment().folder / 'tuning' / 'robust.yaml').read_text()
     for whole, part in (
         *(('population: 100', 'population: 40'), ('generations: 160', 'generations: 20')),
         ('restarts: 2', 'restarts: 1'),
@@ -75,7 +75,9 @@ def test_failed_acceptance_gives_the_old_gains_back_and_says_why(processes, tuni
     for axis, error in errors['tuned'][0].items():
         assert f'{axis}: acceptance move errs by {error:.1f} um; allowed 1 um' in results['reasons']
     for kind in ('model', 'control'):
-        installed, original = (folder / kind / 'planar.yaml' for folder in (out / 'config', config_folder()))
+        installed, original = (
+            folder / kind / 'planar.yaml' for folder in (out / 'config', Configuration.of_environment().folder)
+        )
         assert installed.read_bytes() == original.read_bytes()
     assert results['reasons'][0] in (out / 'report.html').read_text()
 

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.verbs.config_page import FILES
 
 DOMAIN = 122
@@ -19,7 +19,7 @@ def test_page_is_current(processes):
 
 def test_every_kind_of_file_is_documented():
     page = PAGE.read_text()
-    for path in config_folder().glob('*/*.yaml'):
+    for path in Configuration.of_environment().folder.glob('*/*.yaml'):
         titles = [title for title in FILES if title.startswith(f'config/{path.parent.name}')]
         named = [title for title in titles if title.endswith('.yaml')]  # files of a folder that differ in kind
         assert titles, path

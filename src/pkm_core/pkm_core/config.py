@@ -9,6 +9,7 @@ Built from Python, the same models take plain SI numbers.
 import hashlib
 import os
 import sys
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -165,41 +166,72 @@ def install_prefixes() -> list[Path]:
     return [*map(Path, filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))), Path(sys.prefix)]
 
 
-def config_folder() -> Path:
-    """Return the folder of configuration files: $PKM_CONFIG, else the source tree's, else the installed one."""
-    named = os.environ.get('PKM_CONFIG')
-    if named:
-        return Path(named)
-    beside = Path(__file__).resolve().parents[1] / 'config'
-    candidates = [beside, *(prefix / 'share' / 'pkm_core' / 'config' for prefix in install_prefixes())]
-    for folder in candidates:
-        if folder.is_dir():
-            return folder
-    raise ConfigError(f'no config folder among {[str(folder) for folder in candidates]}; set PKM_CONFIG')
-
-
-def find_config(kind, name_or_path) -> Path:
+@dataclass(frozen=True)
+class Configuration:
     """
-    Return the file of `name_or_path`: a path to a YAML file, or the name of one in config/`kind`.
+    The folder of configuration files that a program works with; `Machine.configuration` carries it along.
 
-    Raises
-    ------
-    ConfigError
-        If there is none; the names that exist are listed.
+    Attributes
+    ----------
+    folder : Path
+        Has one folder per kind of file: machines, model, control, truth, motions, learning, tuning, design.
 
     """
-    text = str(name_or_path)
-    if text.endswith(('.yaml', '.yml')) or os.sep in text:
-        path = Path(text)
-        if path.is_file():
-            return path
-        raise ConfigError(f'{path}: no such file')
-    folder = config_folder() / kind
-    path = folder / f'{text}.yaml'
-    if not path.is_file():
-        known = sorted(entry.stem for entry in folder.glob('*.yaml'))
-        raise ConfigError(f'{kind}: {text!r} is unknown; {folder} has {known}')
-    return path
+
+    folder: Path
+
+    @classmethod
+    def of_environment(cls) -> 'Configuration':
+        """
+        Return the configuration in $PKM_CONFIG, else of the source tree, else the installed one.
+
+        Raises
+        ------
+        ConfigError
+            If $PKM_CONFIG names no folder, or there is none at all.
+
+        """
+        named = os.environ.get('PKM_CONFIG')
+        if named:
+            if not Path(named).is_dir():
+                raise ConfigError(f'PKM_CONFIG: {named!r} given; expected a folder of configuration files')
+            return cls(Path(named))
+        beside = Path(__file__).resolve().parents[1] / 'config'
+        candidates = [beside, *(prefix / 'share' / 'pkm_core' / 'config' for prefix in install_prefixes())]
+        for folder in candidates:
+            if folder.is_dir():
+                return cls(folder)
+        raise ConfigError(f'no config folder among {[str(folder) for folder in candidates]}; set PKM_CONFIG')
+
+    def names(self, kind) -> list[str]:
+        """Return the names of the files of a `kind`, sorted."""
+        return sorted(path.stem for path in (self.folder / kind).glob('*.yaml'))
+
+    def find(self, kind, name_or_path) -> Path:
+        """
+        Return the file of `name_or_path`: a path to a YAML file, or the name of a file of this `kind`.
+
+        Raises
+        ------
+        ConfigError
+            If there is none; the names that exist are listed.
+
+        """
+        text = str(name_or_path)
+        if text.endswith(('.yaml', '.yml')) or os.sep in text:
+            path = Path(text)
+            if path.is_file():
+                return path
+            raise ConfigError(f'{path}: no such file')
+        path = self.folder / kind / f'{text}.yaml'
+        if not path.is_file():
+            raise ConfigError(f'{kind}: {text!r} is unknown; {self.folder / kind} has {self.names(kind)}')
+        return path
+
+
+def find_config(kind, name_or_path, configuration=None) -> Path:
+    """Return what `Configuration.find` does, by default in the configuration of the environment."""
+    return (configuration or Configuration.of_environment()).find(kind, name_or_path)
 
 
 def hash_files(paths) -> str:

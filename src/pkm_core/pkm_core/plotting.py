@@ -1,11 +1,4 @@
-"""Pictures without a screen, on matplotlib's Agg canvas, and the units that the design tools show."""
-
-import numpy as np
-
-
-def units(machine):
-    """Return [(factor from SI, unit)] of the machine's coordinates: um and mdeg."""
-    return [(180e3 / np.pi, 'mdeg') if name == 'phi' else (1e6, 'um') for name in machine.coordinates]
+"""Figures without a screen, on matplotlib's Agg canvas."""
 
 
 def new_figure(width=7.0, height=5.5):

@@ -1,17 +1,15 @@
 """From an unknown machine to new gains: what is applied, what is refused, and what comes back."""
 
-import os
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pkm_core.commissioning.config_copy import workplace
+from pkm_core.commissioning.config_copy import copy_config
 from pkm_core.commissioning.measured import MeasuredResponse, check_measured
 from pkm_core.commissioning.procedure import Identified, commission
 from pkm_core.commissioning.report import candidate_table, error_table, verdict, write_page
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.control.margins import perturbed_models, stability_margins, unit_circle
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
@@ -31,8 +29,7 @@ def planar():
 
 @pytest.fixture
 def place(planar, tmp_path):
-    with workplace(planar, tmp_path, 'nominal') as place:
-        yield place
+    return copy_config(planar, tmp_path, 'nominal')
 
 
 def response_of(model, machine, name='d1_sweep_0', coherence=1.0):
@@ -57,7 +54,7 @@ class Bench:
 
     def identify(self, on_step):
         on_step('identifying', 0.0)
-        folder = self._place.folder.parent / 'identified'
+        folder = self._place.configuration.folder.parent / 'identified'
         folder.mkdir()
         file = folder / 'model.yaml'
         file.write_text(self._place.model.read_text().replace('gain: 11440', 'gain: 9800'))
@@ -82,11 +79,11 @@ def small():
     return config.model_copy(update={'search': search})
 
 
-def run(machine, bench, place, config, folder):
+def run(bench, place, config, folder):
     steps = []
     with ThreadPoolExecutor(1) as executor:
         story = commission(
-            machine, bench, place, config, law='inverse', cycles=3, limit=30 * UM, seed=1, executor=executor,
+            place.machine, bench, place, config, law='inverse', cycles=3, limit=30 * UM, seed=1, executor=executor,
             folder=folder / 'search', on_step=lambda *step: steps.append(step),
         )  # fmt: skip
     return story, steps
@@ -94,8 +91,8 @@ def run(machine, bench, place, config, folder):
 
 def test_gains_that_pass_are_kept_and_the_motion_is_learned(planar, place, small, tmp_path):
     found_model, found_kp = load_model(planar)['d1'].gain, load_control(planar)['d1'].kp
-    bench = Bench(planar, place)
-    story, steps = run(planar, bench, place, small, tmp_path)
+    bench = Bench(place.machine, place)
+    story, steps = run(bench, place, small, tmp_path)
     assert story.accepted
     assert story.reasons == []
     (first, *_), (second, model, kp) = bench.started
@@ -109,7 +106,7 @@ def test_gains_that_pass_are_kept_and_the_motion_is_learned(planar, place, small
 
 
 def test_every_candidate_has_its_cost_and_the_least_is_recommended(planar, place, small, tmp_path):
-    story, _ = run(planar, Bench(planar, place), place, small, tmp_path)
+    story, _ = run(Bench(place.machine, place), place, small, tmp_path)
     tuned = load_control(planar)
     for joint, found in story.candidates.items():
         assert found[0].name == 'as found'
@@ -125,8 +122,8 @@ def test_every_candidate_has_its_cost_and_the_least_is_recommended(planar, place
 
 def test_old_files_come_back_when_the_acceptance_move_fails(planar, place, small, tmp_path):
     before = {path: path.read_bytes() for path in (place.model, place.control)}
-    bench = Bench(planar, place, errors={'tuned': 40 * UM})
-    story, _ = run(planar, bench, place, small, tmp_path)
+    bench = Bench(place.machine, place, errors={'tuned': 40 * UM})
+    story, _ = run(bench, place, small, tmp_path)
     assert not story.accepted
     assert story.reasons == [f'{j}: acceptance move errs by 40.0 um; allowed 30 um' for j in ('d1', 'd3')]
     assert {path: path.read_bytes() for path in before} == before
@@ -138,15 +135,15 @@ def test_old_files_come_back_when_the_acceptance_move_fails(planar, place, small
 
 
 def test_machine_that_faults_under_new_gains_gets_the_old_ones_back(planar, place, small, tmp_path):
-    bench = Bench(planar, place, errors={'tuned': PkmError('machine: d1 ran into its upper stop')})
-    story, _ = run(planar, bench, place, small, tmp_path)
+    bench = Bench(place.machine, place, errors={'tuned': PkmError('machine: d1 ran into its upper stop')})
+    story, _ = run(bench, place, small, tmp_path)
     assert story.reasons == ['machine: d1 ran into its upper stop']
     assert bench.started[-1][0] == 'restored'
 
 
 def test_gains_are_kept_and_the_reason_is_told_when_learning_fails(planar, place, small, tmp_path):
-    bench = Bench(planar, place, errors={'inverse': PkmError('learning law inverse would diverge')})
-    story, _ = run(planar, bench, place, small, tmp_path)
+    bench = Bench(place.machine, place, errors={'inverse': PkmError('learning law inverse would diverge')})
+    story, _ = run(bench, place, small, tmp_path)
     assert story.accepted
     assert bench.started[-1][0] == 'tuned'
     assert verdict(story)[1] == 'The motion was not learned: learning law inverse would diverge'
@@ -156,8 +153,8 @@ def test_gains_that_fail_on_the_measured_response_are_never_applied(planar, plac
     def other(model, machine):  # what was measured has twice the gain of what was fitted
         return response_of(model.model_copy(update={'gain': 2 * model.gain}), machine)
 
-    bench = Bench(planar, place, responses_of=other)
-    story, _ = run(planar, bench, place, small, tmp_path)
+    bench = Bench(place.machine, place, responses_of=other)
+    story, _ = run(bench, place, small, tmp_path)
     assert [name for name, *_ in bench.started] == ['as_found', 'restored']
     assert not story.tuned
     assert 'gain margin' in story.reasons[0]
@@ -167,14 +164,14 @@ def test_gains_that_fail_on_the_measured_response_are_never_applied(planar, plac
 def test_axis_for_which_nothing_is_found_keeps_its_old_gains(planar, place, small, tmp_path):
     strict = small.limits.nominal.model_copy(update={'gain_margin': 30.0})
     impossible = small.model_copy(update={'limits': small.limits.model_copy(update={'nominal': strict})})
-    bench = Bench(planar, place)
-    story, _ = run(planar, bench, place, impossible, tmp_path)
+    bench = Bench(place.machine, place)
+    story, _ = run(bench, place, impossible, tmp_path)
     assert 'none of 320 candidates keeps all limits' in story.reasons[0]
     assert bench.started[-1][0] == 'restored'
 
 
 def test_page_tells_the_outcome_and_needs_nothing_beside_itself(planar, place, small, tmp_path):
-    story, _ = run(planar, Bench(planar, place, errors={'tuned': 40 * UM}), place, small, tmp_path)
+    story, _ = run(Bench(place.machine, place, errors={'tuned': 40 * UM}), place, small, tmp_path)
     write_page(tmp_path / 'report.html', planar, story, {'specimen': 3})
     text = (tmp_path / 'report.html').read_text()
     for expected in ('errs by 40.0 um; allowed 30 um', 'recommended', 'as found', 'a warning', 'specimen'):
@@ -214,23 +211,15 @@ def test_worst_perturbed_model_measured_falls_short_with_its_numbers(planar):
     assert any('d1: gain margin 5.' in reason and 'allowed from 6 dB' in reason for reason in reasons)
 
 
-def test_workplace_changes_the_truth_of_its_copy_only(planar, tmp_path):
-    original, before = config_folder(), os.environ.get('PKM_CONFIG')
-    truth = Path('truth', 'planar.yaml')
-    with workplace(planar, tmp_path, 'nominal', 5) as place:
-        assert config_folder() == place.folder == tmp_path / 'config'
-        assert (place.folder / truth).read_bytes() != (original / truth).read_bytes()
-        for kind in ('model', 'control', 'machines'):
-            same = Path(kind, 'planar.yaml')
-            assert (place.folder / same).read_bytes() == (original / same).read_bytes()
-    assert os.environ.get('PKM_CONFIG') == before
-    assert (tmp_path / 'config' / truth).exists()  # a result: the machine can be run on
+def test_specimen_changes_the_truth_of_the_copy_only(planar, tmp_path):
+    place, original = copy_config(planar, tmp_path, 'nominal', 5), planar.configuration
+    assert place.machine.configuration == place.configuration == Configuration(tmp_path / 'config')
+    assert place.configuration.find('truth', 'planar').read_bytes() != original.find('truth', 'planar').read_bytes()
+    for kind in ('model', 'control', 'machines'):
+        assert place.configuration.find(kind, 'planar').read_bytes() == original.find(kind, 'planar').read_bytes()
 
 
-def test_workplace_in_a_folder_with_results_is_refused(planar, tmp_path):
+def test_copy_into_a_folder_with_results_is_refused(planar, tmp_path):
     (tmp_path / 'config').mkdir()
-    with (
-        pytest.raises(PkmError, match='exists; name a folder without the results'),
-        workplace(planar, tmp_path, 'hard'),
-    ):
-        pass
+    with pytest.raises(PkmError, match='exists; name a folder without the results'):
+        copy_config(planar, tmp_path, 'hard')

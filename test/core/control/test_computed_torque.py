@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pkm_core.config import config_folder, find_config
+from pkm_core.config import Configuration, find_config
 from pkm_core.control.computed_torque import ComputedTorque, TorqueGains, load_torque_control
 from pkm_core.control.controllers import JointControllers, choose_control, find_control, kind_of, make_controller
 from pkm_core.control.margins import stability_margins, worst_margins
@@ -163,10 +163,10 @@ def test_kind_of_gains_decides_the_controller():
     ('chosen', 'folder', 'name', 'kind'),
     [
         ('robust', 'control', 'four_dof', 'robust'),
-        ('computed_torque', 'control_torque', 'four_dof', 'computed_torque'),
+        ('computed_torque', 'control/computed_torque', 'four_dof', 'computed_torque'),
         ('four_dof_thesis', 'control', 'four_dof_thesis', 'robust'),
         (find_config('control', 'four_dof'), 'control', 'four_dof', 'robust'),
-        (find_config('control_torque', 'four_dof'), 'control_torque', 'four_dof', 'computed_torque'),
+        (find_config('control/computed_torque', 'four_dof'), 'control/computed_torque', 'four_dof', 'computed_torque'),
     ],
 )
 def test_control_is_chosen_by_kind_by_name_or_by_file(chosen, folder, name, kind):
@@ -180,7 +180,7 @@ def test_control_that_does_not_exist_or_is_for_another_machine_is_refused(tmp_pa
     with pytest.raises(ConfigError, match=r"'fast' is none of \['robust', 'computed_torque'\]; .*'four_dof_thesis'"):
         choose_control(FOUR_DOF, 'fast')
     with pytest.raises(ConfigError, match=r"joints are \['d1', 'd3'\]; four_dof has"):
-        choose_control(FOUR_DOF, find_config('control_torque', 'planar'))
+        choose_control(FOUR_DOF, find_config('control/computed_torque', 'planar'))
     (tmp_path / 'odd.yaml').write_text('joints: 3\n')
     with pytest.raises(ConfigError, match=r'odd.yaml: joints: 3 given'):
         choose_control(FOUR_DOF, tmp_path / 'odd.yaml')
@@ -232,13 +232,15 @@ def test_trajectory_of_another_machine_is_refused():
 )
 def test_unfit_gains_are_refused(tmp_path, old, new, error, reason):
     path = tmp_path / 'control.yaml'
-    path.write_text(find_config('control_torque', 'four_dof').read_text().replace(old, new))
+    path.write_text(find_config('control/computed_torque', 'four_dof').read_text().replace(old, new))
     with pytest.raises(error, match=reason):
         load_torque_control(FOUR_DOF, path)
 
 
 @pytest.mark.parametrize(
-    'path', sorted((config_folder() / 'control_torque').glob('*.yaml')), ids=lambda path: path.stem
+    'path',
+    sorted((Configuration.of_environment().folder / 'control/computed_torque').glob('*.yaml')),
+    ids=lambda path: path.stem,
 )
 def test_every_configured_file_loads(path):
     assert load_torque_control(load_machine(path.stem), path)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.design.budget import linear_budget, sources
 from pkm_core.design.budget_monte_carlo import monte_carlo_budget, study_poses
 from pkm_core.design.error_matrix import em_true, geometry_of, linkage
@@ -120,7 +120,7 @@ def test_uniform_spread_has_the_deviation_of_its_draws():
     ],
 )
 def test_tolerances_that_make_no_sense_are_refused(old, new, message, tmp_path):
-    text = (config_folder() / 'design' / 'tolerances.yaml').read_text()
+    text = (Configuration.of_environment().folder / 'design' / 'tolerances.yaml').read_text()
     assert old in text
     path = tmp_path / 'mine.yaml'
     path.write_text(text.replace(old, new, 1))

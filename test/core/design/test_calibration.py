@@ -18,8 +18,8 @@ from pkm_core.design.specimen import end_point
 from pkm_core.design.tolerances import load_tolerances
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
-from pkm_core.machines.assembly import assemble
 from pkm_core.plant.plant import Plant
+from pkm_core.plant.specimen import assemble
 from pkm_core.plant.truth import load_truth
 
 FOUR_DOF, PLANAR = load_machine('four_dof'), load_machine('planar')

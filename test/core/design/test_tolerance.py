@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.design.error_matrix import check_reach, em_thesis, em_true, geometry_of, linkage
 from pkm_core.design.objectives import objectives, reachable_magnification
 from pkm_core.design.operational_workspace import load_operational_workspace
@@ -190,7 +190,7 @@ def test_angles_of_the_other_sign_are_refused_as_another_assembly(tmp_path):
 
 
 def edited(tmp_path, old, new):
-    text = (config_folder() / 'design' / 'chapter4.yaml').read_text()
+    text = (Configuration.of_environment().folder / 'design' / 'chapter4.yaml').read_text()
     assert old in text
     path = tmp_path / 'mine.yaml'
     path.write_text(text.replace(old, new, 1))

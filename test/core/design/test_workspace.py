@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.design.surface import exact_surface, join_contours, tessellate
 from pkm_core.design.workspace import extremes, pose_volume, sample_poses, slice_positions
 from pkm_core.design.workspace_study import (
@@ -141,7 +141,7 @@ def test_slices_that_cannot_be_are_refused(positions, slice_height, cell, messag
     ],
 )
 def test_machine_that_cannot_reach_its_workspace_is_refused_with_the_condition(old, new, message, tmp_path):
-    text = (config_folder() / 'machines' / 'four_dof.yaml').read_text()
+    text = (Configuration.of_environment().folder / 'machines' / 'four_dof.yaml').read_text()
     for centre in ('r2: 43', 'r4: 46', 'r6: 43', 'r8: 46', 'r10: 64.35', 'r12: 69.77'):  # short links, near centres
         text = text.replace(centre, f'{centre.split(":")[0]}: 20')
     path = tmp_path / 'mine.yaml'

@@ -1,18 +1,17 @@
 """Random machines: only the plant differs, the same seed gives the same, and nothing of it remains."""
 
-import os
-
 import numpy as np
 import pytest
 
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
 from pkm_core.errors import ConfigError
-from pkm_core.experiments.random_machines import random_machine, study
+from pkm_core.experiments.random_machines import study
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import load_motion, plan
 from pkm_core.motion.trajectory import to_joints
+from pkm_core.plant.random_truth import random_machine
 from pkm_core.simulation.cycles import run_cycles
 
 MACHINE = load_machine('planar')
@@ -22,8 +21,8 @@ TRAJECTORY = to_joints(MACHINE, plan(MACHINE, load_motion('planar_80ms')))
 
 def counts(seed):
     """Return the readings of a first cycle; the same noise for all machines."""
-    with random_machine(MACHINE, seed):
-        return run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, 1).counts
+    with random_machine(MACHINE, seed) as machine:
+        return run_cycles(machine, TRAJECTORY, CONTROL, None, 1, 1).counts
 
 
 def test_same_seed_gives_the_same_machine_and_another_another():
@@ -35,17 +34,16 @@ def test_same_seed_gives_the_same_machine_and_another_another():
 
 
 def test_controllers_keep_their_knowledge():
-    with random_machine(MACHINE, 5):
-        assert load_model(MACHINE) == load_model(load_machine('planar'))
-        inside = load_model(MACHINE), load_control(MACHINE)
-    assert inside == (load_model(MACHINE), CONTROL)
+    with random_machine(MACHINE, 5) as machine:
+        assert (load_model(machine), load_control(machine)) == (load_model(MACHINE), CONTROL)
 
 
-def test_environment_is_as_before_afterwards(monkeypatch):
-    monkeypatch.delenv('PKM_CONFIG', raising=False)
-    with random_machine(MACHINE, 5):
-        assert 'PKM_CONFIG' in os.environ
-    assert 'PKM_CONFIG' not in os.environ
+def test_copied_configuration_ends_with_the_block():
+    before = MACHINE.configuration
+    with random_machine(MACHINE, 5) as machine:
+        assert machine.configuration.folder.is_dir()
+        assert MACHINE.configuration == before != machine.configuration
+    assert not machine.configuration.folder.exists()
 
 
 def test_study_tells_every_machine_by_cycle():

@@ -12,11 +12,11 @@ import pytest
 
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
-from pkm_core.experiments.random_machines import random_machine
 from pkm_core.identification.excitation import experiments
 from pkm_core.identification.identify import identify_joint
 from pkm_core.identification.partial_fractions import mode_rows
 from pkm_core.machines import load_machine
+from pkm_core.plant.random_truth import random_machine
 from pkm_core.plant.truth import load_truth
 from pkm_core.simulation.experiment import SimulatedCell
 
@@ -31,16 +31,17 @@ def machine_parts(name):
     return machine, load_model(machine), load_control(machine)
 
 
-def identified(name, joint, seed, environment='nominal'):
-    machine, models, control = machine_parts(name)
+def identified(name, joint, seed, environment='nominal', machine=None):
+    nominal, models, control = machine_parts(name)
+    machine = machine or nominal
     cell = SimulatedCell(machine, control, seed, environment)
     records = [cell.run(each) for each in experiments(machine, joint, models, control)]
     return identify_joint(machine, joint, records, models, control, band=BAND)
 
 
-def errors(name, joint, found, environment='nominal'):
+def errors(name, joint, found, environment='nominal', machine=None):
     """Return the relative errors [%] of K, a and the modes (m, 4); a damping's sign counts as part of it."""
-    machine = machine_parts(name)[0]
+    machine = machine or machine_parts(name)[0]
     axis = load_truth(machine, environment)[0].axes[joint]
     number, true, low = machine.joints.index(joint), mode_rows(axis.modes), found.low
     gain = axis.gain or machine.thrust_per_volt / machine.mass_matrix(machine.home)[number, number]
@@ -77,9 +78,9 @@ def test_every_axis_is_recovered_with_five_seeds(name, joint):
 def test_axes_of_unknown_machines_are_recovered(name):
     """Thrust off by up to 20 %, resonances by 5 %, dampings by 0.6 to 1.5, another friction than believed."""
     for number in range(5):
-        with random_machine(load_machine(name), (7, number)):
+        with random_machine(load_machine(name), (7, number)) as machine:
             for joint in JOINTS[name]:
-                check(name, joint, identified(name, joint, number), outside=30.0)
+                check(name, joint, identified(name, joint, number, machine=machine), outside=30.0)
 
 
 @pytest.mark.slow

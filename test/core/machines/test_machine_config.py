@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 
-FOLDER = config_folder() / 'machines'
+FOLDER = Configuration.of_environment().folder / 'machines'
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pkm_core.config import ConfigError, config_folder
+from pkm_core.config import ConfigError, Configuration
 from pkm_core.errors import TrajectoryError, WorkspaceError
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import ArcTarget, Motion, Pose, Target, load_motion, plan, poses_motion
@@ -94,7 +94,9 @@ def test_way_through_poses_keeps_the_joint_profile_up_to_the_jerk():
         np.testing.assert_allclose(derivative[40:181] - offset, expected, atol=1e-13 * max(1.0, np.abs(expected).max()))
 
 
-@pytest.mark.parametrize('path', sorted((config_folder() / 'motions').glob('*.yaml')), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    'path', sorted((Configuration.of_environment().folder / 'motions').glob('*.yaml')), ids=lambda path: path.stem
+)
 def test_every_configured_motion_can_be_planned_and_returns_home(path):
     motion = load_motion(path)
     machine = load_machine(motion.machine)
@@ -134,7 +136,9 @@ def test_unfit_poses_are_refused(poses, move_time, reason):
 
 def test_motion_longer_than_a_trajectory_may_be_is_refused_with_its_length(tmp_path):
     text = (
-        (config_folder() / 'motions' / 'planar_80ms.yaml').read_text().replace('move_time: 80 ms', 'move_time: 1 min')
+        (Configuration.of_environment().folder / 'motions' / 'planar_80ms.yaml')
+        .read_text()
+        .replace('move_time: 80 ms', 'move_time: 1 min')
     )
     (tmp_path / 'slow.yaml').write_text(text)
     with pytest.raises(ConfigError, match=r'slow.yaml: move time is 60 s; .* take 120.2 s, allowed 20 s'):

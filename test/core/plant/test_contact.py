@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.machines import load_machine
 from pkm_core.plant.contact import contact_force
 from pkm_core.plant.plant import Plant
@@ -48,13 +48,12 @@ def test_fault_names_joint_place_and_travel():
     assert plant.fault is None
 
 
-def test_carriages_that_meet_are_a_collision(tmp_path, monkeypatch):
-    shutil.copytree(config_folder(), tmp_path, dirs_exist_ok=True)
+def test_carriages_that_meet_are_a_collision(tmp_path):
+    shutil.copytree(Configuration.of_environment().folder, tmp_path, dirs_exist_ok=True)
     path = tmp_path / 'truth' / 'four_dof.yaml'
     # longer than the gap of 20 mm that the stops leave
     path.write_text(path.read_text().replace('carriage_length: 15 mm', 'carriage_length: 40 mm'))
-    monkeypatch.setenv('PKM_CONFIG', str(tmp_path))
-    plant = Plant(load_machine('four_dof'), 1, 'ideal')
+    plant = Plant(load_machine('four_dof', Configuration(tmp_path)), 1, 'ideal')
     play(plant, np.tile([2.0, -2.0, 0.0, 0.0], (300, 1)))
     assert 'carriages d1 at' in plant.fault
     assert 'collided' in plant.fault

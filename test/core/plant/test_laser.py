@@ -7,10 +7,10 @@ import pytest
 
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
-from pkm_core.machines.assembly import assemble
 from pkm_core.machines.laser_clock import sample_numbers
 from pkm_core.plant.laser import Laser
 from pkm_core.plant.plant import Plant
+from pkm_core.plant.specimen import assemble
 from pkm_core.plant.truth import load_truth
 
 MACHINES = ('four_dof', 'planar', 'xy_stage')

@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.machines import load_machine
 from pkm_core.plant.modes import STEP_SIZE, blend_steps, mode_step, mode_steps
 from pkm_core.plant.plant import Plant
@@ -97,20 +97,17 @@ def test_blend_is_the_table_at_its_points_and_stays_within():
 
 
 @pytest.fixture
-def clean_stage(tmp_path, monkeypatch):
+def clean_stage(tmp_path):
     """Return a function that gives an ideal XY stage but for its modes, stretched by `shift` up the travel."""
 
     def make(shift):
-        shutil.copytree(config_folder(), tmp_path / 'config', dirs_exist_ok=True)
+        shutil.copytree(Configuration.of_environment().folder, tmp_path / 'config', dirs_exist_ok=True)
         path = tmp_path / 'config' / 'truth' / 'xy_stage.yaml'
         head, ideal, rest = path.read_text().partition('  ideal:')
         assert 'mode_shift: 0 %' in rest
         rest = rest.replace('modes: false', 'modes: true', 1).replace('mode_shift: 0 %', f'mode_shift: {shift}', 1)
         path.write_text(head + ideal + rest)
-        monkeypatch.setenv('PKM_CONFIG', str(tmp_path / 'config'))
-        plant = Plant(load_machine('xy_stage'), 1, 'ideal')
-        monkeypatch.undo()
-        return plant
+        return Plant(load_machine('xy_stage', Configuration(tmp_path / 'config')), 1, 'ideal')
 
     return make
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.plant.plant import Plant
@@ -18,9 +18,9 @@ GAINS = {'planar': np.array([11.440, 10.797]), 'four_dof': np.array([7.375, 8.79
 
 
 @pytest.fixture
-def altered(tmp_path, monkeypatch):
+def altered(tmp_path):
     """Return a function that gives Plant(name, environment) with (old, new) pairs replaced in its truth file."""
-    original = config_folder()
+    original = Configuration.of_environment().folder
 
     def make(name, environment, *replacements):
         shutil.copytree(original, tmp_path / 'config', dirs_exist_ok=True)
@@ -30,8 +30,7 @@ def altered(tmp_path, monkeypatch):
             assert old in text
             text = text.replace(old, new)
         path.write_text(text)
-        monkeypatch.setenv('PKM_CONFIG', str(tmp_path / 'config'))
-        return Plant(load_machine(name), 1, environment)
+        return Plant(load_machine(name, Configuration(tmp_path / 'config')), 1, environment)
 
     return make
 

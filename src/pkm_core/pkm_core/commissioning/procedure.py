@@ -66,7 +66,7 @@ def commission(machine, bench, place, config, *, law, cycles, limit, seed, execu
         What stands on the bench.
     bench : object
         See above.
-    place : Workplace
+    place : ConfigCopy
         Where models and gains are installed.
     config : TuningConfig
         What the loops are tuned for.

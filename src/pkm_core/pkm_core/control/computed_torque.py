@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from pydantic import Field
 
-from pkm_core.config import Config, Frequency, Number, find_config, load_config
+from pkm_core.config import Config, Frequency, Number, load_config
 from pkm_core.control.margins import require_stable
 from pkm_core.control.model import in_joint_order, load_model
 from pkm_core.control.pid import Pid
@@ -53,8 +53,8 @@ class TorqueControlFile(Config):
 
 
 def load_torque_control(machine, name_or_path=None):
-    """Return {joint: TorqueGains} of config/control_torque; default and refusals as `robust.load_control`."""
-    path = find_config('control_torque', name_or_path or machine.name)
+    """Return {joint: TorqueGains} of config/control/computed_torque; default and refusals as `robust.load_control`."""
+    path = machine.configuration.find('control/computed_torque', name_or_path or machine.name)
     control = in_joint_order(machine, load_config(path, TorqueControlFile).joints, path)
     for joint, model in load_model(machine).items():
         require_stable(f'{path}: {joint}', control[joint].pid(model), model, machine.sample_time)

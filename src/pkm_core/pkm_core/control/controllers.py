@@ -7,13 +7,13 @@ A controller has ``load(trajectory, learned)`` (a `SampledTrajectory` in joints 
 
 import numpy as np
 
-from pkm_core.config import find_config, read_yaml
+from pkm_core.config import read_yaml
 from pkm_core.control.computed_torque import ComputedTorque, TorqueGains, load_torque_control
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
 from pkm_core.errors import ConfigError
 
-KINDS = {'robust': ('control', load_control), 'computed_torque': ('control_torque', load_torque_control)}
+KINDS = {'robust': ('control', load_control), 'computed_torque': ('control/computed_torque', load_torque_control)}
 
 
 class JointControllers:
@@ -58,7 +58,7 @@ def find_control(machine, chosen='robust'):
     Return (kind, path) of a choice of controller.
 
     `chosen` is one of `KINDS`, which takes the machine's own gains, or the name of a file of config/control or
-    config/control_torque, or a YAML file of gains, which itself tells for which controller it is.
+    config/control/computed_torque, or a YAML file of gains, which itself tells for which controller it is.
 
     Raises
     ------
@@ -67,11 +67,11 @@ def find_control(machine, chosen='robust'):
 
     """
     if chosen in KINDS:
-        return chosen, find_config(KINDS[chosen][0], machine.name)
+        return chosen, machine.configuration.find(KINDS[chosen][0], machine.name)
     failures = []
     for folder, _ in KINDS.values():
         try:
-            path = find_config(folder, chosen)
+            path = machine.configuration.find(folder, chosen)
         except ConfigError as error:
             failures.append(str(error))
             continue

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from pkm_core.config import Config, Frequency, Number, find_config, load_config, quantity
+from pkm_core.config import Config, Frequency, Number, load_config, quantity
 from pkm_core.errors import ConfigError
 
 
@@ -48,7 +48,7 @@ class ModelFile(Config):
 
 def load_model(machine, name_or_path=None):
     """Return {joint: AxisModel} of config/model, by default of the file called like the machine."""
-    path = find_config('model', name_or_path or machine.name)
+    path = machine.configuration.find('model', name_or_path or machine.name)
     return in_joint_order(machine, load_config(path, ModelFile).joints, path)
 
 

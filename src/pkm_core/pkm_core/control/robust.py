@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from pydantic import Field
 
-from pkm_core.config import Config, Time, find_config, load_config, quantity
+from pkm_core.config import Config, Time, load_config, quantity
 from pkm_core.control import filters
 from pkm_core.control.margins import require_stable
 from pkm_core.control.model import in_joint_order, load_model
@@ -59,7 +59,7 @@ def load_control(machine, name_or_path=None):
         If a loop would be unstable on the model of its axis; the margin is named.
 
     """
-    path = find_config('control', name_or_path or machine.name)
+    path = machine.configuration.find('control', name_or_path or machine.name)
     control = in_joint_order(machine, load_config(path, ControlFile).joints, path)
     for joint, model in load_model(machine).items():
         require_stable(f'{path}: {joint}', control[joint], model, machine.sample_time)

@@ -4,8 +4,9 @@ import numpy as np
 from scipy.stats import binned_statistic_2d
 
 from pkm_core.design.budget import linear_budget
+from pkm_core.design.units import units
 from pkm_core.design.workspace import sample_joints
-from pkm_core.plotting import new_figure, save, units
+from pkm_core.plotting import new_figure, save
 
 
 def draw_distribution(folder, machine, budget, found):

@@ -22,7 +22,7 @@ def built_machine(machine, errors):
     marks = drawn.marks.model_copy(update={joint: errors.get(joint, 0.0) for joint in machine.joints})
     off = {name: value + errors.get(name, 0.0) for name, value in drawn if name != 'marks'}
     built = drawn.model_copy(update={**off, 'marks': marks})
-    return type(machine)(config.model_copy(update={'built': built}), machine.name)
+    return type(machine)(config.model_copy(update={'built': built}), machine.name, machine.configuration)
 
 
 class Identifiability(NamedTuple):

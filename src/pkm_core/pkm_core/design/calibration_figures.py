@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from pkm_core.plotting import new_figure, save, units
+from pkm_core.design.units import units
+from pkm_core.plotting import new_figure, save
 
 
 def draw_calibration(folder, study, true_errors=None):

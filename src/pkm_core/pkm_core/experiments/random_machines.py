@@ -1,35 +1,16 @@
-"""
-How a law does on machines it was not designed for: the same controllers and models, and randomly other plants.
+"""Results of a learning law on machines it was not designed for: same controllers and models, random plants."""
 
-What is drawn is written into a copy of the plant's own file, config/truth; models, gains and laws stay as they are.
-"""
-
-import os
-import shutil
-import tempfile
-from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import yaml
-from pydantic import TypeAdapter
 
-from pkm_core.config import Frequency, Number, config_folder, read_yaml
-from pkm_core.errors import ConfigError
+from pkm_core.plant.random_truth import random_machine
 from pkm_core.simulation.cycles import run_cycles
-
-GAIN = 0.2  # half width of the uniform spread of every axis's thrust
-RESONANCE = 0.05  # of every mode, resonance and anti-resonance alike
-DAMPING = (0.6, 1.5)  # factor on every damping
-FRICTION = (0.1, 1.0)  # [N] of all guides
-
-_HERTZ, _NUMBER = (TypeAdapter(kind).validate_python for kind in (Frequency, Number))
 
 
 @dataclass(frozen=True)
 class Study:
-    """What became of each machine."""
+    """Results of each machine."""
 
     error: np.ndarray  # (machines, cycles) [m] max dynamic error, worst axis
     settling_time_5um: np.ndarray  # (machines, cycles) [s] worst axis
@@ -57,36 +38,5 @@ def study(machine, trajectory, control, law, *, machines=50, cycles=20, seed=1, 
 
 def drive_one(machine, trajectory, control, law, number, cycles, seed=1, environment='nominal'):
     """Return the `CycleRecords` of the random machine `number` of a `seed`; other arguments as for `run_cycles`."""
-    with random_machine(machine, (seed, number), environment):
-        return run_cycles(machine, trajectory, control, law, cycles, seed + number, environment)
-
-
-@contextmanager
-def random_machine(machine, seed, environment='nominal'):
-    """Make every plant of `machine` that is built within a random one; the same `seed` gives the same."""
-    draw = np.random.default_rng(seed)
-    original = config_folder()
-    path = original / 'truth' / f'{machine.name}.yaml'
-    truth = read_yaml(path)
-    if environment not in truth['environments']:
-        raise ConfigError(f'{path}: environment {environment!r} is unknown; known: {sorted(truth["environments"])}')
-    for axis in truth['axes'].values():
-        axis['gain_error'] = f'{100 * draw.uniform(-GAIN, GAIN)} %'
-        for mode in axis['modes']:
-            shift = 1 + draw.uniform(-RESONANCE, RESONANCE)
-            for name in ('resonance', 'antiresonance'):
-                mode[name] = f'{shift * _HERTZ(mode[name])} Hz'
-                mode[f'{name}_damping'] = _NUMBER(mode[f'{name}_damping']) * float(draw.uniform(*DAMPING))
-    truth['environments'][environment]['friction'] = f'{draw.uniform(*FRICTION)} N'
-    before = os.environ.get('PKM_CONFIG')
-    with tempfile.TemporaryDirectory() as folder:
-        copied = Path(shutil.copytree(original, Path(folder) / 'config'))
-        (copied / 'truth' / f'{machine.name}.yaml').write_text(yaml.safe_dump(truth, sort_keys=False), encoding='utf-8')
-        os.environ['PKM_CONFIG'] = str(copied)
-        try:
-            yield
-        finally:
-            if before is None:
-                del os.environ['PKM_CONFIG']
-            else:
-                os.environ['PKM_CONFIG'] = before
+    with random_machine(machine, (seed, number), environment) as drawn:
+        return run_cycles(drawn, trajectory, control, law, cycles, seed + number, environment)

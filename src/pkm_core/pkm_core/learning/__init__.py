@@ -14,7 +14,7 @@ an axis or on a perturbed one; what the test found is the law's `verdict`. What 
 `Monitor` (monitor.py) a joint, and what has been learned is kept by store.py.
 """
 
-from pkm_core.config import config_folder, find_config, parse_config, read_yaml
+from pkm_core.config import Configuration, find_config, parse_config, read_yaml
 from pkm_core.errors import ConfigError, LearningError
 from pkm_core.learning.basis import BasisLaw
 from pkm_core.learning.convergence import checked
@@ -32,17 +32,17 @@ KINDS = {'fourier': FourierLaw, 'inverse': InverseLaw, 'norm_optimal': NormOptim
 _passed = {}
 
 
-def law_names():
-    """Return the names of the laws in config/learning."""
-    return sorted(path.stem for path in (config_folder() / 'learning').glob('*.yaml'))
+def law_names(configuration=None):
+    """Return the names of the laws in config/learning, by default of the environment's configuration."""
+    return (configuration or Configuration.of_environment()).names('learning')
 
 
-def law_file(name):
+def law_file(name, configuration=None):
     """Return the file of the law `name`, in config/learning or a YAML file; `LearningError` if there is none."""
     try:
-        return find_config('learning', name)
+        return find_config('learning', name, configuration)
     except ConfigError:
-        known = ['none', *law_names()]
+        known = ['none', *law_names(configuration)]
         raise LearningError(f'learning law {name!r} is unknown; known: {known}, or a YAML file') from None
 
 
@@ -70,7 +70,7 @@ def make_law(name, machine, control):
 
 def untested_law(name, machine, control):
     """Return the law as `make_law` does, without its convergence test: to look at that test's figures."""
-    path = law_file(name)
+    path = law_file(name, machine.configuration)
     parameters = read_yaml(path)
     kind = parameters.pop('law', None)
     law = KINDS.get(kind) if isinstance(kind, str) else None

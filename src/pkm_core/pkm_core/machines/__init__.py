@@ -1,6 +1,6 @@
 """The machines: kinematics, limits, rigid dynamics and drive facts of the nominal design, all behind one interface."""
 
-from pkm_core.config import find_config, parse_config, read_yaml
+from pkm_core.config import Configuration, parse_config, read_yaml
 from pkm_core.errors import ConfigError
 from pkm_core.machines.base import Limits, Machine
 from pkm_core.machines.four_dof import FourDof
@@ -12,9 +12,11 @@ __all__ = ['FourDof', 'Limits', 'Machine', 'Planar', 'XyStage', 'load_machine']
 _MECHANISMS = {'four_dof': FourDof, 'planar': Planar, 'xy_stage': XyStage}
 
 
-def load_machine(name_or_path) -> Machine:
+def load_machine(name_or_path, configuration=None) -> Machine:
     """
     Return the machine of config/machines/NAME.yaml or of a path; it is called like its file.
+
+    Its models, gains, truth and motions are then read from the same `configuration`, by default the environment's.
 
     Raises
     ------
@@ -22,9 +24,10 @@ def load_machine(name_or_path) -> Machine:
         If there is no such file or a value in it is refused; file, key, value and what is allowed are named.
 
     """
-    path = find_config('machines', name_or_path)
+    configuration = configuration or Configuration.of_environment()
+    path = configuration.find('machines', name_or_path)
     data = read_yaml(path)
     mechanism = _MECHANISMS.get(data.get('mechanism'))
     if mechanism is None:
         raise ConfigError(f'{path}: mechanism: {data.get("mechanism")!r} given; known: {sorted(_MECHANISMS)}')
-    return mechanism(parse_config(data, mechanism.Config, where=str(path)), path.stem)
+    return mechanism(parse_config(data, mechanism.Config, where=str(path)), path.stem, configuration)

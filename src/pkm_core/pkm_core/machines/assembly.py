@@ -9,11 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from pkm_core.machines.built import drawn_length
-from pkm_core.plant.noise import assembly_generator
-
-_LINKS = {'four_dof': ('l2', 'l4', 'l6', 'l8', 'k10', 'k12'), 'planar': ('l2', 'l4'), 'xy_stage': ()}
-
 
 def _pivot(lower, higher, l_lower, l_higher):
     """Return (along the guide, height over it) of the joint of two links that stand on sliders at `lower`, `higher`."""
@@ -71,16 +66,3 @@ class Assembly:
         return np.stack(
             [x1 + share * (x2 - x1), y1 + share * (y2 - y1), height + at.dz, np.arctan((y2 - y1) / (x2 - x1))], axis=-1
         )
-
-
-def assemble(machine, truth, environment, seed):
-    """Return the `Assembly` that `seed` draws from the spreads of the environment."""
-    draw = assembly_generator(seed)
-    geometry = getattr(machine.config, 'geometry', None)
-    encoder_offset = environment.encoder_offset * draw.standard_normal(len(machine.joints))
-    payload = truth.payload.mass * (1.0 + environment.payload_spread * draw.standard_normal())
-    lengths = {
-        link: drawn_length(geometry, link) + environment.link_error * draw.standard_normal()
-        for link in _LINKS[machine.config.mechanism]
-    }
-    return Assembly(machine.config.mechanism, geometry, lengths, encoder_offset, payload)

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from pkm_core.config import Config, Inertia, Length, Mass, Speed, Time, Voltage, quantity
+from pkm_core.config import Config, Configuration, Inertia, Length, Mass, Speed, Time, Voltage, quantity
 from pkm_core.jet import as_series, value
 from pkm_core.machines.checks import check_between, check_finite, check_last_axis
 
@@ -85,6 +85,8 @@ class Machine(ABC):
         The kernel ``terms(q, qd, p, M, C, G)`` of pkm_core.machines.dynamics and the same over the rows of histories.
     home : ndarray, shape (n,)
         Joint positions at power-up [m].
+    configuration : Configuration
+        Where the models, gains, truth and motions of the machine are read from.
     sample_time, encoder_resolution, laser_sample_time, voltage_limit, thrust_per_volt : float
         [s], [m/count], [s], [V], [N/V].
 
@@ -97,9 +99,10 @@ class Machine(ABC):
     terms: Callable
     rows: Callable
 
-    def __init__(self, config, name):
+    def __init__(self, config, name, configuration=None):
         self.config = config
         self.name = name
+        self.configuration = configuration or Configuration.of_environment()
         travel = [getattr(config.joints, joint) for joint in self.joints]
         drive = config.drive
         thrust_per_ampere = drive.force_constant / math.sqrt(2.0)  # of peak current; the constant is per ampere rms
@@ -121,7 +124,11 @@ class Machine(ABC):
         """This machine as it was drawn, without what is known of the one that was built."""
         if getattr(self.config, 'built', None) is None:
             return self
-        return type(self)(self.config.model_copy(update={'built': None}), self.name)
+        return type(self)(self.config.model_copy(update={'built': None}), self.name, self.configuration)
+
+    def with_configuration(self, configuration):
+        """Return the same machine with models, gains, truth and motions of another `Configuration`."""
+        return type(self)(self.config, self.name, configuration)
 
     @abstractmethod
     def forward(self, q):

@@ -47,8 +47,8 @@ class FourDof(Machine):
     terms = staticmethod(dynamics.four_dof_terms)
     rows = staticmethod(dynamics.four_dof_rows)
 
-    def __init__(self, config, name):
-        super().__init__(config, name)
+    def __init__(self, config, name, configuration=None):
+        super().__init__(config, name, configuration)
         built = config.built or FourDofBuilt.as_drawn(config.geometry)
         self._built = built
         self._lower, self._higher = (

@@ -98,8 +98,8 @@ class Planar(Machine):
     terms = staticmethod(dynamics.planar_terms)
     rows = staticmethod(dynamics.planar_rows)
 
-    def __init__(self, config, name):
-        super().__init__(config, name)
+    def __init__(self, config, name, configuration=None):
+        super().__init__(config, name, configuration)
         self._built = config.built or PlanarBuilt.as_drawn(config.geometry)
         self._marks = np.array([self._built.marks.d1, self._built.marks.d3])
 

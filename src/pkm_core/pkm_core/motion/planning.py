@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from pkm_core.config import Angle, Config, Length, Time, config_folder, find_config, load_config, read_yaml
+from pkm_core.config import Angle, Config, Length, Time, find_config, load_config, read_yaml
 from pkm_core.errors import TrajectoryError, WorkspaceError
 from pkm_core.jet import Jet
 from pkm_core.machines.base import ROUNDING
@@ -89,9 +89,9 @@ def _check_duration(targets, move_time, lead_rest, settle_window):
         )
 
 
-def load_motion(name_or_path):
-    """Return the `Motion` of config/motions/NAME.yaml or of a path."""
-    return load_config(find_config('motions', name_or_path), Motion)
+def load_motion(name_or_path, configuration=None):
+    """Return the `Motion` of config/motions/NAME.yaml or of a path, by default of the environment's configuration."""
+    return load_config(find_config('motions', name_or_path, configuration), Motion)
 
 
 def poses_motion(machine, poses, move_time=None):
@@ -235,7 +235,7 @@ def _check_names(where, given, known, *, exactly):
 
 def default_motion(machine):
     """Return the name of the motion the machine is measured with: the first of config/motions that is for it."""
-    for path in sorted((config_folder() / 'motions').glob('*.yaml')):
-        if read_yaml(path).get('machine') == machine.name:
-            return path.stem
-    raise TrajectoryError(f'no motion in {config_folder() / "motions"} is for machine {machine.name!r}')
+    for name in machine.configuration.names('motions'):
+        if read_yaml(machine.configuration.find('motions', name)).get('machine') == machine.name:
+            return name
+    raise TrajectoryError(f'no motion in {machine.configuration.folder / "motions"} is for machine {machine.name!r}')

@@ -121,7 +121,7 @@ def _axis_parameters(machine, truth, levels, assembly, common):
     parameters = np.zeros(len(axes), AXIS_PARAMETERS)
     thrust_per_ampere = machine.thrust_per_volt / machine.config.drive.amplifier_gain
     parameters['newton_per_ampere'] = [thrust_per_ampere * (1.0 + wrong * axis.gain_error) for axis in axes]
-    parameters['coulomb'] = levels.friction
+    parameters['coulomb'] = levels.coulomb_friction
     parameters['extra_mass'] = extra
     parameters['viscous'] = [axis.viscosity * (1.0 + wrong * axis.viscosity_error) for axis in axes] * total
     parameters['encoder_offset'] = assembly.encoder_offset

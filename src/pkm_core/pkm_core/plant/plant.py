@@ -19,11 +19,12 @@ from functools import cached_property
 import numpy as np
 
 from pkm_core.errors import PkmError
-from pkm_core.machines.assembly import Assembly, assemble
+from pkm_core.machines.assembly import Assembly
 from pkm_core.plant.arrays import QD, REFUSED, Q
 from pkm_core.plant.build import build
 from pkm_core.plant.drive import phase_currents
 from pkm_core.plant.noise import CycleNoise
+from pkm_core.plant.specimen import assemble
 from pkm_core.plant.tick import advance
 from pkm_core.plant.truth import Drive, load_truth
 

@@ -22,7 +22,6 @@ from pkm_core.config import (
     Speed,
     Time,
     Voltage,
-    find_config,
     load_config,
     quantity,
 )
@@ -127,7 +126,7 @@ class Environment(Config):
     mode_shift: Annotated[Number, Field(gt=-0.3, lt=0.3)]  # of all frequencies, from home to the farther end of travel
     belts: bool
     back_emf: bool
-    friction: Annotated[Force, Field(ge=0.0)]  # Coulomb
+    coulomb_friction: Annotated[Force, Field(ge=0.0)]
     friction_jitter: Share  # half width of the uniform spread from cycle to cycle
     gain_jitter: Share  # of the thrust, from cycle to cycle
     ripple: Share  # of the thrust, once a pitch
@@ -186,7 +185,7 @@ def load_truth(machine, environment):
         If the file is refused, names other joints than the machine, or does not know the environment.
 
     """
-    path = find_config('truth', machine.name)
+    path = machine.configuration.find('truth', machine.name)
     truth = load_config(path, Truth)
     if tuple(truth.axes) != tuple(machine.joints):
         raise ConfigError(f'{path}: axes {list(truth.axes)} given; the machine has the joints {list(machine.joints)}')

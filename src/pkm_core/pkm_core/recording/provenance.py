@@ -5,7 +5,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from pkm_core.config import find_config, hash_files
+from pkm_core.config import hash_files
 from pkm_core.control.controllers import find_control
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
@@ -30,9 +30,10 @@ def config_hash(machine, motion, law, control='robust'):
 
     A motion or law that is none of the configuration is left out: 'none', poses of a goal, experiments.
     """
-    model = load_machine(machine)
-    files = [find_config('machines', machine), find_config('model', model.name), find_control(model, control)[1]]
+    loaded = load_machine(machine)
+    find = loaded.configuration.find
+    files = [find('machines', machine), find('model', loaded.name), find_control(loaded, control)[1]]
     for kind, name in (('motions', motion), ('learning', law)):
         with suppress(ConfigError):
-            files.append(find_config(kind, name))
+            files.append(find(kind, name))
     return hash_files(files)

@@ -38,7 +38,7 @@ def budget(
     from pkm_core.design.budget_figures import draw_contributions, draw_distribution, draw_map
     from pkm_core.design.budget_monte_carlo import MACHINES_A_BLOCK, monte_carlo_budget, study_poses
     from pkm_core.design.tolerances import load_tolerances
-    from pkm_core.plotting import units
+    from pkm_core.design.units import units
 
     console, model, out = Console(), load_machine(machine).drawing, folder(out)
     spreads = load_tolerances(tolerances)

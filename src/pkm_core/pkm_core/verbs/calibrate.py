@@ -36,7 +36,7 @@ def calibrate(
     from pkm_core.design.calibration_study import simulate_machine, study_calibration
     from pkm_core.design.measurement import load_laser, read_measurements
     from pkm_core.design.tolerances import load_tolerances
-    from pkm_core.plotting import units
+    from pkm_core.design.units import units
 
     console, model, out = Console(), load_machine(machine).drawing, folder(out)
     spreads, beam = load_tolerances(tolerances), load_laser(laser)
@@ -112,7 +112,7 @@ def _write(out, machine, model, study, simulated, source):
 
 
 def _figures(model, study, simulated, source, rows):
-    from pkm_core.plotting import units
+    from pkm_core.design.units import units
 
     names = [f'{name}_{unit}' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
     found = study.calibration
@@ -150,7 +150,7 @@ def _parameters_table(found, simulated):
 
 
 def _errors_table(model, rows, held):
-    from pkm_core.plotting import units
+    from pkm_core.design.units import units
 
     table = Table(title=f'end-point error at {held} poses not used, root mean square', title_justify='left')
     table.add_column('')

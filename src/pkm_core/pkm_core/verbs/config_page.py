@@ -22,7 +22,7 @@ FILES = {
     **{f'config/machines, {get_args(m.Config.model_fields["mechanism"].annotation)[0]}': m.Config for m in MACHINES},
     'config/model': ModelFile,
     'config/control': ControlFile,
-    'config/control_torque': TorqueControlFile,
+    'config/control/computed_torque': TorqueControlFile,
     **{f'config/learning, law {name}': law.Parameters for name, law in KINDS.items()},
     'config/motions': Motion,
     'config/tuning': TuningConfig,

@@ -24,7 +24,10 @@ def margins(
     machine: MachineOption = 'four_dof',
     law: Annotated[Law, typer.Option(help='Which controller.')] = Law.robust,
     control: Annotated[
-        str, typer.Option(help="Gains of config/control (config/control_torque), or a YAML file; '' is the machine's.")
+        str,
+        typer.Option(
+            help="Gains: a file of config/control or its folder computed_torque, or a YAML file; default: the machine's"
+        ),
     ] = '',
     out: Annotated[Path | None, typer.Option(help='Folder for pictures; none are made without it.')] = None,
     json_file: JsonOption = None,

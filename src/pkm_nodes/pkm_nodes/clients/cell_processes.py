@@ -52,6 +52,8 @@ class CellProcesses:
         Whether there is a recorder.
     without : sequence of str
         Names of nodes to leave out.
+    configuration : Configuration, optional
+        What the nodes work with, by default that of the environment.
 
     Attributes
     ----------
@@ -72,7 +74,10 @@ class CellProcesses:
         folder,
         record=True,
         without=(),
+        configuration=None,
     ):
+        named = {'PKM_CONFIG': str(configuration.folder)} if configuration else {}
+        self._environment = os.environ | named
         bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
         self._namespace = namespace
         self._logs.mkdir(parents=True, exist_ok=True)
@@ -105,6 +110,7 @@ class CellProcesses:
                 [*self.command(spec.executable), *self.arguments(spec)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
+                env=self._environment,
                 stderr=subprocess.STDOUT,
                 # a Ctrl-C in the terminal is for the one who leads; the cell is stopped in order afterwards
                 start_new_session=True,

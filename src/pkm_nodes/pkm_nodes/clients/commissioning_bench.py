@@ -10,7 +10,6 @@ from pkm_core.commissioning.measured import MeasuredResponse
 from pkm_core.commissioning.procedure import Identified
 from pkm_core.errors import PkmError
 from pkm_core.identification.plan import Request
-from pkm_core.machines import load_machine
 from pkm_nodes.clients.cell_processes import CellProcesses
 from pkm_nodes.clients.identify_client import IdentifyClient
 from pkm_nodes.verbs.identify_cell import goal_of
@@ -22,8 +21,10 @@ class CellBench:
 
     Parameters
     ----------
-    machine, motion : str
-        Name or file.
+    name, motion : str
+        Name or file of the machine, and of the motion.
+    machine : Machine
+        What the controllers drive; the cell works with its configuration.
     arrangement, seed, environment
         As for `CellProcesses`.
     folder : Path
@@ -31,10 +32,11 @@ class CellBench:
 
     """
 
-    def __init__(self, machine, motion, arrangement, *, seed, environment, folder):
-        self._name, self._motion, self._folder = machine, motion, Path(folder)
+    def __init__(self, name, machine, motion, arrangement, *, seed, environment, folder):
+        self._name, self._motion, self._folder = name, motion, Path(folder)
         self._options = {'arrangement': arrangement, 'seed': seed, 'environment': environment}
-        self._joints = load_machine(machine).joints
+        self._options['configuration'] = machine.configuration
+        self._joints = machine.joints
         self._stack, self._is_well = ExitStack(), False
 
     def __enter__(self):

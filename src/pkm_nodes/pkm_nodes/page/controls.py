@@ -2,7 +2,7 @@
 
 from math import radians
 
-from pkm_core.config import config_folder, read_yaml
+from pkm_core.config import read_yaml
 from pkm_core.errors import PkmError
 from pkm_core.learning import law_names
 
@@ -12,12 +12,12 @@ _FAVOURITE_LAW = 'fourier_pid'
 def motions_of(machine):
     """Return the names of the motions of config/motions that are for `machine`."""
     names = []
-    for path in sorted((config_folder() / 'motions').glob('*.yaml')):
+    for name in machine.configuration.names('motions'):
         try:
-            if read_yaml(path).get('machine') == machine.name:
-                names.append(path.stem)
+            if read_yaml(machine.configuration.find('motions', name)).get('machine') == machine.name:
+                names.append(name)
         except PkmError:  # a file that somebody is writing; the cell says what is wrong with it when it is run
-            names.append(path.stem)
+            names.append(name)
     return names
 
 

@@ -60,7 +60,7 @@ def commission(
 
     Example: `pkm commission --machine four_dof --specimen 7 --out runs/commissioned`
     """
-    from pkm_core.commissioning.config_copy import workplace
+    from pkm_core.commissioning.config_copy import copy_config
     from pkm_core.commissioning.procedure import commission as run
     from pkm_core.commissioning.report import write_page
     from pkm_core.parallel import search_executor
@@ -72,8 +72,9 @@ def commission(
     law_file(law)  # what is refused is refused before anything moves
     out = writable_folder(out or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{system.name}_commissioned')
     options = {'seed': seed, 'environment': environment, 'folder': out}
+    place = copy_config(system, out, environment, specimen or None)
+    system = place.machine
     with (
-        workplace(system, out, environment, specimen or None) as place,
         _bench(arrangement, machine, system, motion, trajectory, options) as bench,
         search_executor(0, '') as executor,
         _progress(console) as on_step,
@@ -105,7 +106,7 @@ def _bench(arrangement, machine, system, motion, trajectory, options):
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     from pkm_nodes.clients.commissioning_bench import CellBench
 
-    with CellBench(machine, str(motion), arrangement.value, **options) as bench:
+    with CellBench(machine, system, str(motion), arrangement.value, **options) as bench:
         yield bench
 
 

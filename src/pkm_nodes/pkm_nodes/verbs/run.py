@@ -51,7 +51,9 @@ def run(
     ] = '',
     control: Annotated[
         str,
-        typer.Option(help="'robust', 'computed_torque', a file of config/control or control_torque, or a YAML file."),
+        typer.Option(
+            help="'robust', 'computed_torque', a file of config/control or its folder computed_torque, or a YAML file."
+        ),
     ] = 'robust',
     learned: Annotated[
         Path | None, typer.Option(help='Begin with the feedforward of this file, which --save-learned wrote.')

@@ -1,0 +1,63 @@
+"""
+Random machines: the same controllers and models, another plant.
+
+The drawn values are written into a copy of the plant's own file, config/truth; models, gains and laws stay as they are.
+"""
+
+import shutil
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import yaml
+from pydantic import TypeAdapter
+
+from pkm_core.config import Configuration, Frequency, Number, read_yaml
+from pkm_core.errors import ConfigError
+
+GAIN = 0.2  # half width of the uniform spread of the thrust of each axis
+RESONANCE = 0.05  # of every mode, resonance and anti-resonance alike
+DAMPING = (0.6, 1.5)  # factor on every damping
+FRICTION = (0.1, 1.0)  # [N] Coulomb friction of all guides
+
+_HERTZ, _NUMBER = (TypeAdapter(kind).validate_python for kind in (Frequency, Number))
+
+
+@contextmanager
+def random_machine(machine, seed, environment='nominal'):
+    """
+    Yield `machine` with a configuration in which the plant is a random one; the configuration ends with the block.
+
+    The same `seed` (an int or a tuple of ints) gives the same plant. Thrust, modes, dampings and, in `environment`,
+    Coulomb friction are drawn.
+
+    Raises
+    ------
+    ConfigError
+        If the truth file has no such environment.
+
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        copied = Configuration(Path(folder) / 'config')
+        shutil.copytree(machine.configuration.folder, copied.folder)
+        draw_truth(copied, machine.name, seed, environment)
+        yield machine.with_configuration(copied)
+
+
+def draw_truth(configuration, name, seed, environment):
+    """Overwrite the truth file of the machine `name` in `configuration` with a random one, see `random_machine`."""
+    draw = np.random.default_rng(seed)
+    path = configuration.find('truth', name)
+    truth = read_yaml(path)
+    if environment not in truth['environments']:
+        raise ConfigError(f'{path}: environment {environment!r} is unknown; known: {sorted(truth["environments"])}')
+    for axis in truth['axes'].values():
+        axis['gain_error'] = f'{100 * draw.uniform(-GAIN, GAIN)} %'
+        for mode in axis['modes']:
+            shift = 1 + draw.uniform(-RESONANCE, RESONANCE)
+            for key in ('resonance', 'antiresonance'):
+                mode[key] = f'{shift * _HERTZ(mode[key])} Hz'
+                mode[f'{key}_damping'] = _NUMBER(mode[f'{key}_damping']) * float(draw.uniform(*DAMPING))
+    truth['environments'][environment]['coulomb_friction'] = f'{draw.uniform(*FRICTION)} N'
+    path.write_text(yaml.safe_dump(truth, sort_keys=False), encoding='utf-8')
