@@ -10,7 +10,6 @@ import hashlib
 import os
 import sys
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -18,6 +17,7 @@ import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pkm_core.errors import ConfigError
+from pkm_core.quantities import to_si
 
 _FROM_FILE = {'from_file': True}
 # what people write instead of the SI unit: the example of a refusal should be near what was meant
@@ -30,13 +30,6 @@ class Config(BaseModel):
     model_config = ConfigDict(frozen=True, extra='forbid', allow_inf_nan=False, hide_input_in_errors=True)
 
 
-@cache
-def _units():
-    import pint  # takes 0.3 s to import; only files with units need it
-
-    return pint.UnitRegistry(cache_folder=':auto:')
-
-
 def _to_si(value, unit, info):
     from_file = bool(info.context and info.context.get('from_file'))
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
@@ -46,15 +39,7 @@ def _to_si(value, unit, info):
             usual = _USUAL.get(unit, unit)
             raise ValueError(f"{value!r} has no unit; expected a quantity in {usual}, e.g. '{value} {usual}'")
         return float(value)
-    import pint
-
-    try:
-        quantity = _units().Quantity(value)
-        return float(quantity.to(unit or 'dimensionless').magnitude)
-    except pint.DimensionalityError as error:
-        raise ValueError(f"'{value}' has the dimension of {error.units1}; expected one of {unit or '1'}") from None
-    except Exception:  # pint raises a dozen kinds for text that is no quantity
-        raise ValueError(f"'{value}' is not a quantity; expected e.g. '1.0 {unit}'") from None
+    return to_si(value, unit)
 
 
 def quantity(unit):

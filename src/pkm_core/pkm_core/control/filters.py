@@ -4,7 +4,6 @@ The two filters behind the PID, in physical units, and their discrete form.
 A discrete filter is its coefficients [b0, b1, b2, a1, a2] of (b0 + b1/z + b2/z^2)/(1 + a1/z + a2/z^2).
 """
 
-import re
 from typing import Annotated
 
 import numpy as np
@@ -12,16 +11,17 @@ from pydantic import BeforeValidator, Field
 
 from pkm_core.config import Config, Frequency, Number
 from pkm_core.errors import ConfigError
+from pkm_core.quantities import split
 
 
 def _decibel(value, info):
     """Return the number of a text such as '4.1 dB', for which pint has no plain parser; from Python also a float."""
     if isinstance(value, float) and not info.context:
         return value
-    match = re.fullmatch(r'([-+.\deE]+) dB', value) if isinstance(value, str) else None
-    if match is None:
+    number, unit = split(value) if isinstance(value, str) else (value, '')
+    if unit != 'dB':
         raise ValueError(f"{value!r} is not an attenuation; expected e.g. '15.0 dB'")
-    return float(match[1])
+    return number
 
 
 Decibel = Annotated[float, BeforeValidator(_decibel)]

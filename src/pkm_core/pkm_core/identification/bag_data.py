@@ -10,6 +10,7 @@ from pkm_core.bag.reader import read_topics
 from pkm_core.errors import BagError
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.axis_data import AxisData, JointRecord
+from pkm_core.quantities import QuantityError, scale
 
 _SAME = 1e-3  # sample times: two stamps closer than that are one
 _LARGEST_GAP = 10  # median sample times; what is longer is a hole, not jitter
@@ -107,9 +108,9 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
     given = {'drive': drive, 'sensor': sensor, 'reference': reference, 'excitation': excitation}
     signals = {name: signal for name, signal in given.items() if signal is not None}
     series = _read_series(path, signals)
-    scale = {name: _scale(name, signal.unit) for name, signal in signals.items()}
+    scales = {name: _scale(name, signal.unit) for name, signal in signals.items()}
     for name, partner in (('reference', 'sensor'), ('excitation', 'drive')):
-        if name in scale and scale[name][1] != scale[partner][1]:
+        if name in scales and scales[name][1] != scales[partner][1]:
             raise IdentificationError(
                 f'{name} in {signals[name].unit}, {partner} in {signals[partner].unit}; expected the same dimension'
             )
@@ -137,7 +138,7 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
         held = name in ('drive', 'excitation')
         last = np.searchsorted(times, grid + _SAME * sample_time, side='right') - 1
         at = values[last] if held else np.interp(grid, times, values)
-        even[name] = scale[name][0] * at
+        even[name] = scales[name][0] * at
     computation = int(delay / sample_time)
     data = AxisData(
         name=Path(path).name,
@@ -146,7 +147,7 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
         position=even['sensor'],
         reference=even.get('reference'),
         excitation=even.get('excitation'),
-        limit=limit * scale['drive'][0],
+        limit=limit * scales['drive'][0],
         computation=computation,
     )
     return data, delay - computation * sample_time, warnings
@@ -204,10 +205,7 @@ def _value(message, signal):
 
 def _scale(name, unit):
     """Return (factor to SI, dimension) of a unit."""
-    import pint
-
     try:
-        quantity = pint.UnitRegistry(cache_folder=':auto:').Quantity(unit).to_base_units()
-        return float(quantity.magnitude), quantity.dimensionality
-    except Exception:  # pint raises a dozen kinds for text that is no unit
-        raise IdentificationError(f"{name}: {unit!r} is not a unit; expected e.g. 'V', 'N m' or '0.2 um'") from None
+        return scale(unit)
+    except QuantityError as error:
+        raise IdentificationError(f'{name}: {error}') from None
