@@ -8,18 +8,20 @@ Built from Python, the same models take plain SI numbers.
 
 import hashlib
 import os
+import reprlib
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pkm_core.errors import ConfigError
 from pkm_core.quantities import to_si
+from pkm_core.yaml_text import YamlError, parse_yaml, read_text
 
 _FROM_FILE = {'from_file': True}
+_MOST_REASONS = 5  # of one refusal; the first is the one to mend first
 # what people write instead of the SI unit: the example of a refusal should be near what was meant
 _USUAL = {'m': 'mm', 's': 'ms', 'rad': 'deg'}
 
@@ -64,32 +66,26 @@ Speed = quantity('m/s')
 Angle = quantity('rad')
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """SafeLoader that refuses a doubled key instead of keeping the last one."""
-
-    def construct_mapping(self, node, deep=False):
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(None, None, f'key {key!r} stands twice', node.start_mark)
-        return super().construct_mapping(node, deep)
-
-
 def read_yaml(path):
     """Return the mapping in the YAML file `path`; `ConfigError` if it cannot be read as one."""
     path = Path(path)
     try:
-        data = yaml.load(path.read_text(encoding='utf-8'), _UniqueKeyLoader)
+        data = parse_yaml(read_text(path))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or error
         raise ConfigError(f'{path}: cannot be read: {reason}') from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, 'problem_mark', None)
-        where = f'line {mark.line + 1}: ' if mark else ''
-        raise ConfigError(f'{path}: {where}{getattr(error, "problem", error)}') from None
+    except YamlError as error:
+        raise ConfigError(f'{path}: {error}') from None
     if not isinstance(data, dict):
         raise ConfigError(f'{path}: holds {type(data).__name__}; expected a mapping of keys')
     return data
+
+
+def _short(value):
+    """Return the repr of a value for a message, at most about 100 characters."""
+    shown = reprlib.Repr()
+    shown.maxstring = shown.maxother = shown.maxlong = 80
+    return shown.repr(value)
 
 
 def _lookup(data, location):
@@ -125,7 +121,7 @@ def _explain(error, model, data):
     if kind == 'value_error':
         reason = str(context['error'])
         return f'{key}: {reason}' if key else reason
-    return f'{key}: {_lookup(data, location)!r} given; {error["msg"][0].lower()}{error["msg"][1:]} (SI)'
+    return f'{key}: {_short(_lookup(data, location))} given; {error["msg"][0].lower()}{error["msg"][1:]} (SI)'
 
 
 def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -> Any:
@@ -137,7 +133,9 @@ def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -
     try:
         return model.model_validate(data, context=context)
     except ValidationError as error:
-        reasons = [_explain(item, model, data) for item in error.errors()]
+        reasons = [_explain(item, model, data) for item in error.errors()[:_MOST_REASONS]]
+        if error.error_count() > _MOST_REASONS:
+            reasons.append(f'and {error.error_count() - _MOST_REASONS} more')
         raise ConfigError('\n'.join(f'{where}: {reason}' for reason in reasons)) from None
 
 
