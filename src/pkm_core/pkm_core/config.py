@@ -110,6 +110,16 @@ def _known_keys(model, location):
     return sorted(model.model_fields)
 
 
+def _causes(errors):
+    """Return `errors` without those that only follow from others: a list is not empty because its entry is refused."""
+    places = [error['loc'] for error in errors]
+
+    def follows(place):
+        return any(other[: len(place)] == place and other != place for other in places)
+
+    return [error for error in errors if not (error['type'] == 'too_short' and follows(error['loc']))]
+
+
 def _explain(error, model, data):
     location, kind, context = error['loc'], error['type'], error.get('ctx', {})
     key = '.'.join(str(part) for part in location)
@@ -118,6 +128,8 @@ def _explain(error, model, data):
         return f'unknown key {key!r}' + (f'; known: {known}' if known else '')
     if kind == 'missing':
         return f'{key}: is missing'
+    if kind == 'too_short':
+        return f'{key}: has {context["actual_length"]} entries; expected at least {context["min_length"]}'
     if kind == 'value_error':
         reason = str(context['error'])
         return f'{key}: {reason}' if key else reason
@@ -133,9 +145,9 @@ def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -
     try:
         return model.model_validate(data, context=context)
     except ValidationError as error:
-        reasons = [_explain(item, model, data) for item in error.errors()[:_MOST_REASONS]]
-        if error.error_count() > _MOST_REASONS:
-            reasons.append(f'and {error.error_count() - _MOST_REASONS} more')
+        reasons = list(dict.fromkeys(_explain(item, model, data) for item in _causes(error.errors())))
+        if len(reasons) > _MOST_REASONS:
+            reasons[_MOST_REASONS:] = [f'and {len(reasons) - _MOST_REASONS} more']
         raise ConfigError('\n'.join(f'{where}: {reason}' for reason in reasons)) from None
 
 

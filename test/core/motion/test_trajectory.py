@@ -172,9 +172,9 @@ def test_limited_move_reaches_its_limit_within_a_sample_and_keeps_it(name, order
     limits = MotionLimits(**{limited: {1: 0.2, 2: 5.0, 3: 500.0, 4: 1e5}[order]})
     if (name, limited) == ('s3', 'snap'):
         with pytest.raises(TrajectoryError, match='snap: profile s3 has no bounded snap'):
-            limited_profile(name, limits, 0.01, 0.5e-3)
+            limited_profile(name, limits, 0.01, 0.5e-3, 20.0)
         return
-    samples, _ = limited_profile(name, limits, 0.01, 0.5e-3)
+    samples, _ = limited_profile(name, limits, 0.01, 0.5e-3, 20.0)
     fine = unit_profile(name, np.linspace(0, 1, 4001))
     derivative = np.diff(fine[3]) * 4000 if order == 4 else fine[order]
 
@@ -199,7 +199,7 @@ def test_ruckig_keeps_all_three_limits_and_reaches_them_on_a_long_move():
 
 def test_derivatives_of_a_ruckig_move_are_its_derivatives():
     limits = MotionLimits(speed=0.1, acceleration=5.0, jerk=500.0)
-    samples, profile = limited_profile('ruckig', limits, 0.01, 0.5e-3)
+    samples, profile = limited_profile('ruckig', limits, 0.01, 0.5e-3, 20.0)
     for lower, higher in pairwise(profile[:3]):
         slope = np.diff(lower) * samples
         # the trapezoidal rule is off by the step of the next derivative over 8 samples

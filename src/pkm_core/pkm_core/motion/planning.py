@@ -131,8 +131,28 @@ def plan(machine, motion):
     """
     if motion.machine != machine.name:
         raise TrajectoryError(f'motion is for {motion.machine}; the machine is {machine.name}')
-    joints = checked_joints(machine, _joint_trajectory(machine, motion))
+    joints = _joint_trajectory(machine, motion)
+    try:
+        checked_joints(machine, joints)
+    except TrajectoryError as error:
+        raise TrajectoryError(f'{error}{_advice(machine, motion)}') from None
     return with_derivatives(joints, machine.coordinates, machine.forward(Jet.from_derivatives(*joints.derivatives())))
+
+
+def _advice(machine, motion):
+    """Return what to change in a motion that is too fast: the shortest move time that the machine can follow."""
+    if motion.limits is not None:
+        return ''
+    shortest, longest = _samples(machine, motion, 'move_time'), round(LONGEST_CYCLE / 4 / machine.sample_time)
+    while shortest + 1 < longest:
+        samples = (shortest + longest) // 2
+        try:
+            slower = motion.model_copy(update={'move_time': samples * machine.sample_time})
+            checked_joints(machine, _joint_trajectory(machine, slower))
+            longest = samples
+        except TrajectoryError:
+            shortest = samples
+    return f'; the shortest move_time that can be driven is {longest * machine.sample_time * 1e3:g} ms'
 
 
 def _joint_trajectory(machine, motion):
@@ -149,6 +169,10 @@ def _joint_trajectory(machine, motion):
         starts.append(done + lead)
         ends.append(done + lead + samples)
         done = ends[-1] + settle
+        if done * machine.sample_time > LONGEST_CYCLE:
+            raise TrajectoryError(
+                f'{where}: the cycle takes {done * machine.sample_time:g} s up to here; allowed {LONGEST_CYCLE:g} s'
+            )
         for column, values, standing in zip(rows, move, (None, *rest), strict=True):
             before, after = (position, move[0][-1]) if standing is None else (standing, standing)
             column += [np.tile(before, (lead, 1)), values[:-1], np.tile(after, (settle, 1))]
@@ -180,7 +204,7 @@ def _timing(machine, motion, where, distance):
         return motion.move_time, fixed_profile(motion.profile, _samples(machine, motion, 'move_time'))
     if not distance > ROUNDING:
         raise TrajectoryError(f'{where}: nothing moves by a length, so limits give no duration; give move_time')
-    samples, profile = limited_profile(motion.profile, motion.limits, distance, machine.sample_time)
+    samples, profile = limited_profile(motion.profile, motion.limits, distance, machine.sample_time, LONGEST_CYCLE)
     return samples * machine.sample_time, profile
 
 
@@ -192,6 +216,8 @@ def _samples(machine, motion, name):
         raise TrajectoryError(
             f'motion: {name} is {duration * 1e3:g} ms; expected a multiple of {machine.sample_time * 1e3:g} ms'
         )
+    if samples == 0 and name != 'lead_rest':
+        raise TrajectoryError(f'motion: {name} is {duration:g} s; expected at least {machine.sample_time * 1e3:g} ms')
     return samples
 
 

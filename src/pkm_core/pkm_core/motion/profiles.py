@@ -83,7 +83,7 @@ def fixed_profile(name, samples):
     return unit_profile(name, np.arange(samples + 1) / samples)
 
 
-def limited_profile(name, limits, distance, sample_time):
+def limited_profile(name, limits, distance, sample_time, longest):
     """
     Return the fastest move over `distance` [m] within `MotionLimits`, rounded up to whole samples.
 
@@ -93,20 +93,34 @@ def limited_profile(name, limits, distance, sample_time):
     profile : tuple of four ndarrays, shape (samples + 1,)
         As `fixed_profile`.
 
+    Raises
+    ------
+    TrajectoryError
+        If the move would take more than `longest` [s], or the profile knows no such limit.
+
     """
     if name == 'ruckig':
-        return _ruckig(limits, distance, sample_time)
+        return _ruckig(limits, distance, sample_time, longest)
     duration = sample_time
     for order, (peak, (limited, limit)) in enumerate(zip(_PEAKS[name], limits, strict=True), start=1):
         if limit is not None and np.isinf(peak):
             raise TrajectoryError(f'limits: {limited}: profile {name} has no bounded {limited}; take s4 or p7')
         if limit is not None:
             duration = max(duration, (peak * distance / limit) ** (1 / order))
+    _check_duration(duration, distance, longest)
     samples = int(np.ceil(duration / sample_time - 1e-9))  # a duration that is whole but for rounding stays
     return samples, fixed_profile(name, samples)
 
 
-def _ruckig(limits, distance, sample_time):
+def _check_duration(duration, distance, longest):
+    """Refuse a move that takes too long before a row per sample is made of it."""
+    if not duration <= longest:
+        raise TrajectoryError(
+            f'limits: a move over {distance * 1e3:.4g} mm would take {duration:.4g} s; allowed {longest:g} s'
+        )
+
+
+def _ruckig(limits, distance, sample_time, longest):
     import ruckig
 
     task = ruckig.InputParameter(1)
@@ -116,7 +130,12 @@ def _ruckig(limits, distance, sample_time):
     task.max_jerk = [limits.jerk / distance]
     task.duration_discretization = ruckig.DurationDiscretization.Discrete  # whole samples
     plan = ruckig.Trajectory(1)
-    ruckig.Ruckig(1, sample_time).calculate(task, plan)
+    try:
+        ruckig.Ruckig(1, sample_time).calculate(task, plan)
+    except ruckig.RuckigError as error:
+        reason = ' '.join(str(error).split())[:80]  # it goes on with all it was given
+        raise TrajectoryError(f'limits: no ruckig profile over {distance * 1e3:.4g} mm: {reason}') from None
+    _check_duration(plan.duration, distance, longest)
     samples = round(plan.duration / sample_time)
     phases = plan.profiles[0][0]
     time = np.minimum(np.arange(samples + 1) * sample_time, plan.duration)

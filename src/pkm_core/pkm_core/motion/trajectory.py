@@ -86,7 +86,8 @@ def checked_joints(machine, trajectory):
     """
     Return the joint `trajectory` if `machine` may run it; errors as `to_joints`.
 
-    The thrust is that of the nominal design, friction and what else identification adds left out.
+    Speed and thrust are checked at the samples, and between them from the differences of positions: a jump from one
+    sample to the next has no derivatives. The thrust is that of the nominal design; friction is left out.
     """
     if trajectory.sample_time != machine.sample_time:
         raise TrajectoryError(
@@ -99,7 +100,18 @@ def checked_joints(machine, trajectory):
     _check_size(
         machine, machine.inverse_dynamics(position, velocity, acceleration), machine.limits.thrust, 'needs', 'N', 1
     )
+    _check_between_samples(machine, position)
     return trajectory
+
+
+def _check_between_samples(machine, position):
+    """Refuse positions (N, n) whose differences exceed speed or thrust, by their mean over a sample or two."""
+    time, step = machine.sample_time, np.diff(position, axis=0)
+    _check_size(machine, step / time, machine.limits.speed, 'to the next moves at', 'm/s', 3)
+    if len(step) > 1:
+        velocity, acceleration = 0.5 * (step[1:] + step[:-1]) / time, np.diff(step, axis=0) / time**2
+        thrust = machine.inverse_dynamics(position[1:-1], velocity, acceleration)
+        _check_size(machine, thrust, machine.limits.thrust, 'and its neighbours need', 'N', 1)
 
 
 def _check_size(machine, values, limit, verb, unit, digits):
