@@ -1,9 +1,9 @@
 """
-The README and the pages of docs: every command and every file in them is run, and what they promise comes out.
+The README and the pages of docs: every command and every file in them is run, and the printed figures are compared.
 
-A page is run from its top to its bottom in an empty folder, as somebody would who follows it: bash line by line, and a
-block below a line that names a file and ends with a colon is that file. What a block marked `stays` starts stays until
-its section ends. What is not run is in EXEMPT, with the reason.
+A page is run from top to bottom in an empty folder: bash line by line; a block below a line that names a file and ends
+with a colon is written to that file. A process of a block marked `stays` runs until its section ends. EXEMPT lists the
+commands that are not run, with the reason.
 """
 
 import ast
@@ -21,18 +21,18 @@ DOMAIN = 63
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 RUNNABLE = {'bash', 'python'}
-SLOW = ['control.md', 'design.md']
-# page, beginning of a command: why it is not run
+SLOW = ['docs/control.md', 'docs/design.md']
+# (page, beginning of a command): reason why it is not run
 EXEMPT = {
-    ('README.md', 'bringup_scripts/test'): 'it is what runs this test; CI is a run of it',
-    ('control.md', 'ros2 launch '): 'there is no launch among the wheels; test/nodes/test_launch.py reads the file',
-    ('launch.md', 'ros2 '): 'there is no launch among the wheels; test/nodes/test_launch.py reads the file',
-    ('docker.md', 'docker '): 'there is no Docker engine; test/repository/test_docker.py reads the files',
-    ('docker.md', 'PKM_SECURITY=true '): 'there is no Docker engine',
-    ('servo_tick.md', '.venv/bin/uv pip install '): 'it fetches from the network',
-    ('servo_tick.md', '.venv/bin/pkm bench '): 'it takes many minutes; test_bench.py runs a turn of it',
+    ('README.md', 'bringup_scripts/test'): 'it runs this test; CI runs it',
+    ('docs/control.md', 'ros2 launch '): 'the wheels have no launch; test/nodes/test_launch.py reads the file',
+    ('docs/launch.md', 'ros2 '): 'the wheels have no launch; test/nodes/test_launch.py reads the file',
+    ('docs/docker.md', 'docker '): 'there is no Docker engine; test/repository/test_docker.py reads the files',
+    ('docs/docker.md', 'PKM_SECURITY=true '): 'there is no Docker engine',
+    ('docs/servo_tick.md', '.venv/bin/uv pip install '): 'it fetches from the network',
+    ('docs/servo_tick.md', '.venv/bin/pkm bench '): 'it takes many minutes; test_bench.py runs one turn of it',
 }
-# part of a command: what it must print
+# part of a command: text it must print
 EXPECTED = {
     'run --': ' 0 lost',
     'ros2 node list': '/pkm/joint_controller_d7',
@@ -49,8 +49,13 @@ EXPECTED = {
 BLOCK = re.compile(r'(?P<above>[^\n]*)\n```(?P<kind>\w+)(?P<mark>[^\n]*)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
 
 
+def name_of(page):
+    """Return the path of `page` below the root."""
+    return page.relative_to(ROOT).as_posix()
+
+
 def sections(page):
-    """Return the blocks of `page`, as matches of `BLOCK`, by section."""
+    """Return the blocks of `page` as matches of `BLOCK`, one list per section."""
     text = page.read_text(encoding='utf-8')
     prose = re.sub(r'^```.*?^```$', lambda block: ' ' * len(block[0]), text, flags=re.DOTALL | re.MULTILINE)
     starts = [0, *(heading.start() for heading in re.finditer(r'^#+ ', prose, re.MULTILINE)), len(text)]
@@ -58,38 +63,38 @@ def sections(page):
 
 
 def commands(block):
-    """Return the commands of a block of bash, lines that go on joined and comments dropped."""
+    """Return the commands of a bash block: continued lines joined, comments dropped."""
     lines = block['text'].replace('\\\n', ' ').splitlines()
     return [line for line in lines if line.strip() and not line.startswith('#')]
 
 
 def file_of(block):
-    """Return the name of the file that a block is, '' if it is none."""
+    """Return the name of the file that a block holds, '' if it holds none."""
     names = re.findall(r'`(\w+\.(?:py|yaml))`', block['above']) if block['above'].endswith(':') else []
     return names[-1] if names else ''
 
 
 @pytest.fixture
 def checkout(processes):
-    """Return `processes` in a folder from which the commands work, but which is not the checkout."""
+    """Return `processes` in a folder outside the checkout in which the commands of the pages work."""
     for name in ('bringup_scripts', '.venv'):
         (processes.folder / name).symlink_to(ROOT / name)
-    shutil.copytree(ROOT / 'config', processes.folder / 'config')  # what a page changes must not be ours
+    shutil.copytree(ROOT / 'config', processes.folder / 'config')  # pages change copies only
     path = [Path(sys.prefix) / 'bin', ROOT / 'bringup_scripts']
     processes.environment['PATH'] = ':'.join([*map(str, path), processes.environment['PATH']])
     return processes
 
 
-@pytest.mark.timeout(900)  # many cells, one after the other
+@pytest.mark.timeout(900)  # several cells in sequence
 @pytest.mark.parametrize(
     'page',
     [
-        pytest.param(page, marks=[pytest.mark.slow] * (page.name in SLOW), id=page.name)
+        pytest.param(page, marks=[pytest.mark.slow] * (name_of(page) in SLOW), id=name_of(page))
         for page in PAGES
         if RUNNABLE & {block['kind'] for section in sections(page) for block in section}
     ],
 )
-def test_everything_on_a_page_runs_and_comes_out_as_it_says(checkout, page):
+def test_commands_of_a_page_run_and_print_its_figures(checkout, page):
     for section in sections(page):
         stay, starting = [], None
         for block in section:
@@ -97,15 +102,15 @@ def test_everything_on_a_page_runs_and_comes_out_as_it_says(checkout, page):
             if name:
                 (checkout.folder / name).write_text(block['text'])
             elif block['kind'] == 'python':
-                run_imports(block['text'])  # a sketch, with names that stand for what a reader has
+                run_imports(block['text'])  # a sketch: its names are placeholders
             for command in commands(block) if block['kind'] == 'bash' else ():
-                if any(key[0] == page.name and command.startswith(key[1]) for key in EXEMPT):
+                if any(key[0] == name_of(page) and command.startswith(key[1]) for key in EXEMPT):
                     continue
                 if block['mark'] == ' stays':
                     starting = checkout.start('bash', '-c', f'exec {command}', log='stays')
                     stay.append(starting)
                     continue
-                if starting and 'pkm run' not in command:  # that one waits by itself
+                if starting and 'pkm run' not in command:  # pkm run waits by itself
                     wait_until_up(checkout, starting)
                 run(checkout, command)
                 starting = None
@@ -113,11 +118,11 @@ def test_everything_on_a_page_runs_and_comes_out_as_it_says(checkout, page):
             wait_until_up(checkout, starting)
         for process in stay:
             checkout.stop(process)
-    CLAIMS.get(page.name, lambda folder: None)(checkout.folder)
+    CLAIMS.get(name_of(page), lambda folder: None)(checkout.folder)
 
 
 def run(checkout, command):
-    """Run a command to its end; it must end well and print what is expected of it."""
+    """Run a command to its end; it must return 0 and print the text of EXPECTED."""
     done = checkout.run('bash', '-c', command)
     assert done.returncode == 0, f'{command}\n{done.stdout}{done.stderr}'
     expected = [text for part, text in EXPECTED.items() if part in command]
@@ -126,13 +131,13 @@ def run(checkout, command):
 
 
 def run_imports(text):
-    """Run the import statements of a piece of Python; all of it must be Python."""
+    """Run the import statements of a Python block; the whole block must parse."""
     lines = [node for node in ast.parse(text).body if isinstance(node, ast.Import | ast.ImportFrom)]
     exec(compile(ast.Module(lines, []), 'imports', 'exec'), {})
 
 
 def wait_until_up(checkout, process):
-    """Wait until the same nodes are seen twice."""
+    """Wait until two consecutive node lists are equal."""
     seen, deadline = '', monotonic() + 60.0  # starting up on a busy two-core machine
     while True:
         now = checkout.run('ros2', 'node', 'list').stdout
@@ -154,21 +159,14 @@ def test_every_block_is_of_a_known_kind():
 
 def test_every_exemption_is_needed():
     for name, beginning in EXEMPT:
-        page = next(page for page in PAGES if page.name == name)
+        page = ROOT / name
         blocks = [block for section in sections(page) for block in section if block['kind'] == 'bash']
         assert any(command.startswith(beginning) for block in blocks for command in commands(block)), (name, beginning)
     assert '\nbringup_scripts/test\n' in (ROOT / '.ci' / 'run').read_text(), 'CI is the run of the test command'
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_link_leads_somewhere(page):
-    text = page.read_text(encoding='utf-8')
-    for target in set(re.findall(r'\]\((?!http)([^)#]+)(?:#[^)]*)?\)', text)):
-        assert (page.parent / target).exists(), target
-
-
 @pytest.mark.slow
-def test_controller_that_stops_answering_is_named_as_its_page_says(checkout):
+def test_page_shows_the_fault_text_of_a_silent_controller(checkout):
     page = ROOT / 'docs' / 'own_controller.md'
     blocks = [block for section in sections(page) for block in section]
     (checkout.folder / 'my_controller.py').write_text(next(b['text'] for b in blocks if file_of(b)))
@@ -186,7 +184,7 @@ def test_controller_that_stops_answering_is_named_as_its_page_says(checkout):
     assert re.search(pattern, (checkout.folder / 'run').read_text())
 
 
-# what pages promise
+# figures of the pages
 
 
 def figures(folder, run):
@@ -200,7 +198,7 @@ def errors(folder, run, cycle):
 
 
 def row(page, beginning):
-    """Return the cells behind the first one of a table's row; figures as numbers."""
+    """Return the cells of a table row after its first; figures as numbers."""
     text = (ROOT / 'docs' / page).read_text(encoding='utf-8')
     line = next(line for line in text.splitlines() if line.startswith(f'| {beginning}'))
     cells = [cell.strip() for cell in line.strip('|').split('|')][1:]
@@ -218,7 +216,7 @@ def claims_of_readme(folder):
     cycles = figures(folder, 'first')
     for axis, cycle, error, settling in table:
         ours = cycles[int(cycle) - 1][axis]
-        # sines differ in the last bit between kinds of processors, and the encoder rounds: figures may move a little
+        # sines differ in the last bit between processor types, and the encoder rounds
         assert ours['max_dynamic_error_um'] == pytest.approx(error, abs=0.5)
         assert ours['settling_5um_ms'] == pytest.approx(settling, abs=2.0)
 
@@ -250,6 +248,6 @@ def claims_of_own_drive(folder):
 
 CLAIMS = {
     'README.md': claims_of_readme,
-    'own_controller.md': claims_of_own_controller,
-    'own_drive.md': claims_of_own_drive,
+    'docs/own_controller.md': claims_of_own_controller,
+    'docs/own_drive.md': claims_of_own_drive,
 }

@@ -1,14 +1,16 @@
-"""What the README and docs name is there: files, headings, images, tests, and code in columns of that name."""
+"""Everything that the README and docs name exists: files, headings, images, tests, commands, code in `code` columns."""
 
 import re
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+import typer
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+PAGES = [*sorted(ROOT.glob('*.md')), *sorted((ROOT / 'docs').rglob('*.md'))]
 LINK = re.compile(r'!?\[[^\]]*\]\(([^)\s]+)\)')
 INLINE = re.compile(r'(?<![\\$\w])\$(?=\S)([^$]+)\$(?!\w)')
 CODE = re.compile(r'^```.*?^```$|`[^`\n]*`', re.MULTILINE | re.DOTALL)
@@ -19,16 +21,16 @@ def links(page):
 
 
 def anchors(page):
-    """Return what the headings of a page are called in links, as GitHub forms it."""
+    """Return the anchors of a page's headings, as GitHub forms them."""
     headings = re.findall(r'^#+ +(.*?) *$', page.read_text(encoding='utf-8'), re.MULTILINE)
     return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page):
     for link in links(page):
         if link.startswith(('http://', 'https://', 'mailto:')):
-            continue  # others' pages come and go
+            continue  # external pages change
         path, _, anchor = unquote(link).partition('#')
         target = (page.parent / path).resolve() if path else page
         assert target.exists(), f'{page.name}: {link}'
@@ -36,7 +38,11 @@ def test_links_lead_somewhere(page):
         assert not anchor or anchor in anchors(target), f'{page.name}: {link}'
 
 
-def test_every_page_of_docs_can_be_reached_from_the_readme():
+def test_readme_has_at_most_100_lines():
+    assert len((ROOT / 'README.md').read_text(encoding='utf-8').splitlines()) <= 100
+
+
+def test_every_page_can_be_reached_from_the_readme():
     reached, todo = set(), [ROOT / 'README.md']
     while todo:
         page = todo.pop()
@@ -51,21 +57,21 @@ def test_every_page_of_docs_can_be_reached_from_the_readme():
 
 
 def test_paths_in_code_exist():
-    """What is named as a path of this tree between backticks is there."""
+    """A path of this tree between backticks exists."""
     for page in PAGES:
         for path in re.findall(r'`((?:src|config|docs|test|bringup_scripts|docker)/[\w./-]+)`', page.read_text()):
             assert (ROOT / path.rstrip('/')).exists(), f'{page.name}: {path}'
 
 
 def formulas(page):
-    """Return the formulas in lines, and those in blocks, of a page."""
+    """Return the inline formulas and the block formulas of a page."""
     text = page.read_text(encoding='utf-8')
     return INLINE.findall(CODE.sub('', text)), re.findall(r'^```math\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_formulas_come_through_markdown_whole(page):
-    """Within a line Markdown takes a backslash before punctuation, and stars, for its own; blocks are left alone."""
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_formulas_survive_markdown(page):
+    """Inline, Markdown consumes stars and a backslash before punctuation; blocks are left unchanged."""
     inline, blocks = formulas(page)
     for formula in inline:
         assert not re.search(r'\\[^a-zA-Z]|\*', formula), f'{page.name}: {formula}'
@@ -76,7 +82,7 @@ def test_formulas_come_through_markdown_whole(page):
 
 
 def test_tests_named_by_the_pages_exist():
-    """A name between backticks that begins with test_; one that is cut short ends with an ellipsis."""
+    """A name between backticks that begins with test_; an abbreviated one ends with an ellipsis."""
     defined = {
         name
         for path in (ROOT / 'test').rglob('test_*.py')
@@ -88,8 +94,30 @@ def test_tests_named_by_the_pages_exist():
             assert known, f'{page.name}: {name}'
 
 
+def test_commands_between_backticks_have_known_options():
+    """Verb and options of every `pkm VERB ...` within a line; blocks are run by test_docs.py."""
+    verbs = {entry.name: entry for entry in entry_points(group='pkm.verbs')}
+    options, found = {}, 0
+    for page in PAGES:
+        for verb, rest in re.findall(r'`(?:\.venv/bin/)?pkm ([\w-]+)([^`\n]*)`', page.read_text(encoding='utf-8')):
+            assert verb in verbs, f'{page.name}: pkm {verb}'
+            if verb not in options:
+                options[verb] = options_of(verbs[verb].load())
+            unknown = set(re.findall(r' (--[\w-]+)', rest)) - options[verb]
+            assert not unknown, f'{page.name}: pkm {verb}{rest}: unknown {unknown}'
+            found += 1
+    assert found > 30
+
+
+def options_of(verb):
+    """Return the options of a function that is a verb of `pkm`."""
+    app = typer.Typer()
+    app.command()(verb)
+    return {option for parameter in typer.main.get_command(app).params for option in parameter.opts}
+
+
 def test_code_named_in_tables_exists():
-    """In a column `code`, names between backticks are those of modules of pkm_core and what is in them."""
+    """In a column `code`, names between backticks are modules of pkm_core or their attributes."""
     found = 0
     for page in PAGES:
         column = None
@@ -107,7 +135,7 @@ def test_code_named_in_tables_exists():
 
 
 def exists(name):
-    """Tell whether `name` is a module of pkm_core, or an attribute (of an attribute) of one."""
+    """Return whether `name` is a module of pkm_core, or an attribute (of an attribute) of one."""
     parts = name.split('.')
     for end in range(len(parts), 0, -1):
         if (ROOT / 'src/pkm_core/pkm_core' / '/'.join(parts[:end])).with_suffix('.py').exists():

@@ -122,8 +122,8 @@ def test_rates_and_frames_of_docs_interfaces_are_those_of_a_recorded_cycle(runs)
         counts = {name: info.msgcount for name, info in reader.topics.items()}
         ticks, frames = counts['/pkm/d1/encoder'], frames_of(reader)
     often = {
-        'a tick': ticks,
-        'a cycle': 1,
+        'every tick': ticks,
+        'once per cycle': 1,
         'none': 0,
         'every 20 ticks': ticks / 20,
         'every 100 ticks': ticks / 100,
