@@ -215,19 +215,19 @@ def claims_of_readme(folder):
     assert len(table) == 8
     cycles = figures(folder, 'first')
     for axis, cycle, error, settling in table:
-        ours = cycles[int(cycle) - 1][axis]
+        measured = cycles[int(cycle) - 1][axis]
         # sines differ in the last bit between processor types, and the encoder rounds
-        assert ours['max_dynamic_error_um'] == pytest.approx(error, abs=0.5)
-        assert ours['settling_5um_ms'] == pytest.approx(settling, abs=2.0)
+        assert measured['max_dynamic_error_um'] == pytest.approx(error, abs=0.5)
+        assert measured['settling_5um_ms'] == pytest.approx(settling, abs=2.0)
 
 
 def claims_of_own_controller(folder):
     for run, beginning in (('robust', 'robust control (7.24)'), ('mine', 'my_controller.py')):
         error, settling, rest = row('own_controller.md', beginning)
-        ours = figures(folder, run)[0]['d3']
-        assert ours['max_dynamic_error_um'] == pytest.approx(error, abs=0.5)
-        assert ours['steady_state_error_um'] == pytest.approx(rest, abs=0.5)
-        assert (ours['settling_5um_ms'] is None) == (settling == 'never')
+        measured = figures(folder, run)[0]['d3']
+        assert measured['max_dynamic_error_um'] == pytest.approx(error, abs=0.5)
+        assert measured['steady_state_error_um'] == pytest.approx(rest, abs=0.5)
+        assert (measured['settling_5um_ms'] is None) == (settling == 'never')
     text = (ROOT / 'docs' / 'own_controller.md').read_text(encoding='utf-8')
     before, after = map(float, re.search(r'brings d3 from ([\d.]+) um to ([\d.]+) um in eight cycles', text).groups())
     assert errors(folder, 'learned', 0)['d3'] == pytest.approx(before, abs=0.5)
@@ -238,12 +238,12 @@ def claims_of_own_drive(folder):
     assert list(errors(folder, 'my_machine', 0).values()) == pytest.approx(
         row('own_drive.md', 'my_machine.py'), abs=0.5
     )
-    ours = row('own_drive.md', 'node `machine`')
+    expected = row('own_drive.md', 'node `machine`')
     text = (ROOT / 'docs' / 'own_drive.md').read_text(encoding='utf-8')
     before, after = map(float, re.search(r'grows from ([\d.]+) to ([\d.]+) um', text).groups())
-    assert before == ours[1]
-    ours[1] = after
-    assert list(errors(folder, 'my_drive', 0).values()) == pytest.approx(ours, abs=0.5)
+    assert before == expected[1]
+    expected[1] = after
+    assert list(errors(folder, 'my_drive', 0).values()) == pytest.approx(expected, abs=0.5)
 
 
 CLAIMS = {

@@ -56,6 +56,12 @@ def test_every_page_can_be_reached_from_the_readme():
     assert set(PAGES) <= reached
 
 
+def test_index_lists_every_page_of_docs():
+    index = ROOT / 'docs' / 'README.md'
+    listed = {unquote(link).partition('#')[0] for link in links(index)}
+    assert {page.name for page in (ROOT / 'docs').glob('*.md')} - {index.name} <= listed
+
+
 def test_paths_in_code_exist():
     """A path of this tree between backticks exists."""
     for page in PAGES:
