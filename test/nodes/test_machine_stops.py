@@ -84,7 +84,7 @@ def test_reset_is_refused_while_a_cycle_runs(graph, controllers):
     graph.next_event(CycleEvent.STARTED)
     response = graph.call(Trigger, 'machine/reset')
     assert not response.success
-    assert response.message == 'cycle 1 is running; a reset is for a machine that stands'
+    assert response.message == 'cycle 1 is running; reset is allowed only between cycles'
     controllers.run(0, 10)
     graph.next_event(CycleEvent.FINISHED)
 

@@ -1,0 +1,258 @@
+"""The life of a motion cycle on the machine, from the first joint that loads it to its end or a fault."""
+
+from dataclasses import dataclass
+from enum import Enum
+from math import inf
+
+
+class CycleState(Enum):
+    """State of the machine with respect to motion cycles."""
+
+    STANDING = 'standing'  # no cycle is loaded; initially, after a cycle, a refusal or a reset
+    LOADING = 'loading'  # some joints have loaded the next cycle
+    LOADED = 'loaded'  # all joints have; the recorder or a reader of the encoders may be missing
+    RUNNING = 'running'  # a tick awaits its answers
+    HELD = 'held'  # as far ahead of the recorder as allowed; no tick is awaited
+    FAULTED = 'faulted'  # stopped safely; only a reset ends it
+
+
+@dataclass(frozen=True, slots=True)
+class SendSamples:
+    """Send the encoder samples of the current tick and open the barrier."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Start the cycle; `SendSamples` follows."""
+
+    cycle: int
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Finish:
+    """Report that the last tick of the cycle has run."""
+
+    cycle: int
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Refuse:
+    """Report that the cycle does not start."""
+
+    cycle: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StopSafely:
+    """Brake without the controllers and report the fault; `samples` ticks of the cycle have run."""
+
+    cycle: int
+    samples: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class GoHome:
+    """Set the machine to its home position; `message` answers the reset request."""
+
+    cycle: int
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class RefuseReset:
+    """Answer the reset request with a refusal."""
+
+    message: str
+
+
+# one object for all ticks: `advanced` creates none
+SEND_SAMPLES = (SendSamples(),)
+_RUNNING = CycleState.RUNNING  # looked up once: access to a member of an Enum takes as long as the rest of `advanced`
+
+
+class CycleRun:
+    """
+    State machine of the cycles of one machine.
+
+    Every event is a method; it returns the tuple of actions to perform, in this order. Times are [s, monotonic].
+
+    Parameters
+    ----------
+    joints : sequence of str
+        Names of the joints; a cycle starts when each has loaded it.
+    start_timeout : float
+        [s] from the first LOADED event of a cycle to its refusal.
+    answer_timeout : float
+        [s] wait for the recorder in `HELD` before a safe stop.
+    recorder_window : int or None
+        [ticks] allowed distance to the last recorded tick; None: no recorder is required.
+
+    Attributes
+    ----------
+    state : CycleState
+    cycle : int
+        Number of the last started cycle, 0 before the first one.
+    index : int
+        Number of ticks of that cycle that have run.
+    fault : str
+        Reason of the safe stop, '' without a fault.
+
+    """
+
+    def __init__(self, joints, start_timeout, answer_timeout, recorder_window=None):
+        self.state = CycleState.STANDING
+        self.cycle = 0
+        self.index = 0
+        self.fault = ''
+        self._joints = tuple(joints)
+        self._start_timeout = start_timeout
+        self._answer_timeout = answer_timeout
+        self._window = recorder_window
+        self._samples = 0  # length of the last started cycle
+        self._next_cycle = 0  # the cycle that `_lengths` belong to
+        self._lengths = {}  # loaded samples by joint
+        self._since = 0.0  # begin of LOADING or of HELD
+        self._recorded_tick = -1  # before the first report of the recorder
+        self._last_tick = inf if recorder_window is None else -1  # the run is held after this tick
+
+    @property
+    def is_loading(self):
+        """Whether a cycle is loaded by some or all joints and has not started."""
+        return self.state in (CycleState.LOADING, CycleState.LOADED)
+
+    @property
+    def is_running(self):
+        """Whether a cycle has started and has not ended."""
+        return self.state in (CycleState.RUNNING, CycleState.HELD)
+
+    def loaded(self, joint, cycle, samples, now):
+        """
+        Take the LOADED event of `joint`: it holds `samples` samples of `cycle`.
+
+        Events of other sources and late events, of a cycle that has been started, are ignored. A cycle that differs
+        from that of earlier joints replaces theirs. The cycle starts in `look`.
+        """
+        if joint not in self._joints:
+            return ()
+        if self.state is CycleState.FAULTED:
+            reason = f'the machine has stopped: {self.fault}; call the service machine/reset first'
+            return (Refuse(cycle, reason),)
+        if self.is_running or cycle <= self.cycle:
+            return ()
+        if cycle != self._next_cycle:
+            self._discard()
+        if not self._lengths:
+            self._next_cycle, self._since = cycle, now
+        self._lengths[joint] = samples
+        self.state = CycleState.LOADED if len(self._lengths) == len(self._joints) else CycleState.LOADING
+        return ()
+
+    def look(self, now, tick, unconnected):
+        """
+        Start a loaded cycle, or end a wait that has taken too long.
+
+        `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet; it counts in
+        `LOADED` only.
+        """
+        if self.state is CycleState.LOADED and not self._recorder_is_missing() and not unconnected:
+            return self._start()
+        if self.is_loading and now - self._since > self._start_timeout:
+            return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}')
+        if self.state is CycleState.HELD and now - self._since > self._answer_timeout:
+            return self._stop(
+                f'{self._where(tick)}: the recorder has not confirmed anything after tick {self._recorded_tick} '
+                f'for {now - self._since:.1f} s; it may lag by {self._window} ticks'
+            )
+        return ()
+
+    def advanced(self, tick, now, fault=''):
+        """Count one tick of the running cycle: `tick` is the current one now, `fault` what the plant reports."""
+        if self.state is not _RUNNING:
+            raise RuntimeError(f'machine: tick {tick} in state {self.state.value!r}; expected running')
+        self.index += 1
+        if fault:
+            return self._stop(fault)
+        if self.index == self._samples:
+            self.state = CycleState.STANDING
+            return (Finish(self.cycle, self._samples),)
+        if tick > self._last_tick:
+            self.state, self._since = CycleState.HELD, now
+            return ()
+        return SEND_SAMPLES
+
+    def recorded(self, recorded_tick, tick):
+        """
+        Take the report of the recorder that it holds every sample up to `recorded_tick`; `tick` is the current tick.
+
+        The first report discards what is loaded: the recorder may have missed those trajectories. They are resent.
+        """
+        if self._recorded_tick < 0:
+            self._discard()
+        self._recorded_tick = recorded_tick
+        if self._window is not None:
+            self._last_tick = recorded_tick + self._window
+        if self.state is CycleState.HELD and tick <= self._last_tick:
+            self.state = CycleState.RUNNING
+            return SEND_SAMPLES
+        return ()
+
+    def unanswered(self, tick, waited, missing):
+        """Stop a running cycle: for `waited` [s] no answer to `tick` from `missing`, in words."""
+        if self.state is not CycleState.RUNNING:
+            return ()
+        return self._stop(f'{self._where(tick)}: no answer for {waited:.1f} s from {missing}')
+
+    def stop_requested(self, cycle, reason):
+        """Take a STOP event; ignored unless `cycle` is running."""
+        return self._stop(reason) if self.is_running and cycle == self.cycle else ()
+
+    def reset(self):
+        """Take a reset request; refused while a cycle is running."""
+        if self.is_running:
+            return (RefuseReset(f'cycle {self.cycle} is running; reset is allowed only between cycles'),)
+        message = f'at home; cleared: {self.fault}' if self.fault else 'at home; there was no fault'
+        self._discard()
+        self.state, self.fault = CycleState.STANDING, ''
+        return (GoHome(self.cycle, message),)
+
+    def _start(self):
+        lengths = {joint: self._lengths[joint] for joint in self._joints}
+        shortest, longest = min(lengths.values()), max(lengths.values())
+        if shortest < longest or shortest < 1:
+            return self._refuse(
+                f'the joints loaded cycles of different lengths: {lengths}; all must be equal and at least 1'
+            )
+        self.state, self.cycle, self.index, self._samples = CycleState.RUNNING, self._next_cycle, 0, longest
+        return Start(self.cycle, longest), *SEND_SAMPLES
+
+    def _refuse(self, reason):
+        self._discard()
+        return (Refuse(self._next_cycle, reason),)
+
+    def _stop(self, reason):
+        self.state, self.fault = CycleState.FAULTED, reason
+        return (StopSafely(self.cycle, self.index, reason),)
+
+    def _discard(self):
+        """Forget what the joints have loaded."""
+        self._lengths.clear()
+        if self.is_loading:
+            self.state = CycleState.STANDING
+
+    def _recorder_is_missing(self):
+        return self._window is not None and self._recorded_tick < 0
+
+    def _reason_of_delay(self, unconnected):
+        late = [joint for joint in self._joints if joint not in self._lengths]
+        if late:
+            return f'not loaded within {self._start_timeout} s by joint_controller of {late}'
+        if self._recorder_is_missing():
+            return f'the recorder has not reported within {self._start_timeout} s; is it running?'
+        return f'topics of {list(unconnected)} have readers that are not connected after {self._start_timeout} s'
+
+    def _where(self, tick):
+        return f'tick {tick} (cycle {self.cycle}, sample {self.index})'

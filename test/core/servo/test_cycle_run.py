@@ -1,0 +1,341 @@
+"""The cycle on the machine: one table of every event in every state, and random sequences of events."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pkm_core.servo.cycle_run import (
+    CycleRun,
+    CycleState,
+    Finish,
+    GoHome,
+    Refuse,
+    RefuseReset,
+    SendSamples,
+    Start,
+    StopSafely,
+)
+from pkm_core.servo.tick_barrier import TickBarrier
+
+STANDING, LOADING, LOADED, RUNNING, HELD, FAULTED = CycleState
+JOINTS = ('a', 'b')
+START_TIMEOUT, ANSWER_TIMEOUT, WINDOW = 10.0, 5.0, 2
+EVENTS = {'loaded', 'look', 'advanced', 'recorded', 'unanswered', 'stop_requested', 'reset'}
+
+CYCLE = 4  # of every state but STANDING, which has run cycle 3
+REFUSED_BY_FAULT = 'the machine has stopped: a: door; call the service machine/reset first'
+RUNS = f'cycle {CYCLE} is running; reset is allowed only between cycles'
+NO_FAULT = 'at home; there was no fault'
+
+
+def run_in(state, *, window=WINDOW, recorded=0, lengths=(5, 5)):
+    """
+    Return a run in `state`, reached by events at 0 s: cycle 3 of one tick has been run, the machine is at tick 1.
+
+    LOADING has cycle 4 from joint a. RUNNING and HELD have advanced to tick 2 and 4 (the window is 2 ticks).
+    """
+    run = CycleRun(JOINTS, START_TIMEOUT, ANSWER_TIMEOUT, window)
+    if recorded is not None:
+        run.recorded(recorded, 0)
+        load(run, 3, (1, 1))
+        run.look(0.0, 0, [])
+        run.advanced(1, 0.0)
+    if state is LOADING:
+        run.loaded('a', CYCLE, lengths[0], 0.0)
+    elif state is not STANDING:
+        load(run, CYCLE, lengths)
+    if state in (RUNNING, HELD, FAULTED):
+        run.look(0.0, 1, [])
+        run.advanced(2, 0.0)
+    if state is HELD:
+        run.recorded(1, 2)
+        run.advanced(3, 0.0)
+        run.advanced(4, 0.0)
+    if state is FAULTED:
+        run.stop_requested(CYCLE, 'a: door')
+    assert run.state is state
+    return run
+
+
+def load(run, cycle, lengths):
+    for joint, samples in zip(JOINTS, lengths, strict=True):
+        run.loaded(joint, cycle, samples, 0.0)
+
+
+def row(state, event, after, *actions, **options):
+    return pytest.param(state, event, after, actions, options, id=f'{state.value}-{event}-{options or ""}')
+
+
+TABLE = [
+    # a joint has loaded a cycle
+    row(STANDING, ('loaded', 'a', 4, 5, 0.0), LOADING),
+    row(STANDING, ('loaded', 'x', 4, 5, 0.0), STANDING),  # not a joint
+    row(STANDING, ('loaded', 'a', 3, 5, 0.0), STANDING),  # late
+    row(LOADING, ('loaded', 'a', 4, 6, 0.0), LOADING),
+    row(LOADING, ('loaded', 'b', 4, 5, 0.0), LOADED),
+    row(LOADING, ('loaded', 'b', 5, 5, 0.0), LOADING),  # replaces cycle 4 of joint a
+    row(LOADING, ('loaded', 'b', 3, 5, 0.0), LOADING),
+    row(LOADED, ('loaded', 'b', 4, 5, 0.0), LOADED),
+    row(LOADED, ('loaded', 'b', 5, 5, 0.0), LOADING),
+    row(RUNNING, ('loaded', 'a', 5, 5, 0.0), RUNNING),
+    row(HELD, ('loaded', 'a', 5, 5, 0.0), HELD),
+    row(FAULTED, ('loaded', 'a', 5, 5, 0.0), FAULTED, Refuse(5, REFUSED_BY_FAULT)),
+    row(FAULTED, ('loaded', 'x', 5, 5, 0.0), FAULTED),
+    # look: start, or end a wait
+    row(STANDING, ('look', 1e9, 1, []), STANDING),
+    row(LOADING, ('look', 10.0, 1, []), LOADING),
+    row(
+        LOADING,
+        ('look', 10.1, 1, []),
+        STANDING,
+        Refuse(4, "cycle 4: not loaded within 10.0 s by joint_controller of ['b']"),
+    ),
+    row(LOADED, ('look', 0.0, 1, []), RUNNING, Start(4, 5), SendSamples()),
+    row(LOADED, ('look', 1e9, 1, []), RUNNING, Start(4, 5), SendSamples()),  # complete: no timeout
+    row(LOADED, ('look', 0.0, 1, []), RUNNING, Start(4, 5), SendSamples(), window=None, recorded=None),
+    row(LOADED, ('look', 10.0, 1, ['laser']), LOADED),
+    row(
+        LOADED,
+        ('look', 10.1, 1, ['laser']),
+        STANDING,
+        Refuse(4, "cycle 4: topics of ['laser'] have readers that are not connected after 10.0 s"),
+    ),
+    row(LOADED, ('look', 10.0, 1, []), LOADED, recorded=None),
+    row(
+        LOADED,
+        ('look', 10.1, 1, []),
+        STANDING,
+        Refuse(4, 'cycle 4: the recorder has not reported within 10.0 s; is it running?'),
+        recorded=None,
+    ),
+    row(
+        LOADED,
+        ('look', 0.0, 1, []),
+        STANDING,
+        Refuse(4, "the joints loaded cycles of different lengths: {'a': 5, 'b': 6}; all must be equal and at least 1"),
+        lengths=(5, 6),
+    ),
+    row(
+        LOADED,
+        ('look', 0.0, 1, []),
+        STANDING,
+        Refuse(4, "the joints loaded cycles of different lengths: {'a': 0, 'b': 0}; all must be equal and at least 1"),
+        lengths=(0, 0),
+    ),
+    row(RUNNING, ('look', 1e9, 2, []), RUNNING),  # the barrier has the timeout of the answers
+    row(HELD, ('look', 5.0, 4, []), HELD),
+    row(
+        HELD,
+        ('look', 5.1, 4, []),
+        FAULTED,
+        StopSafely(
+            4,
+            3,
+            'tick 4 (cycle 4, sample 3): the recorder has not confirmed anything after tick 1 for 5.1 s; '
+            'it may lag by 2 ticks',
+        ),
+    ),
+    row(FAULTED, ('look', 1e9, 2, []), FAULTED),
+    # the mechanism has advanced by one tick; in other states: test_tick_outside_a_running_cycle_is_an_error
+    row(RUNNING, ('advanced', 2, 0.0), RUNNING, SendSamples()),
+    row(RUNNING, ('advanced', 3, 0.0), HELD),
+    row(RUNNING, ('advanced', 1000, 0.0), RUNNING, SendSamples(), window=None),
+    row(RUNNING, ('advanced', 3, 0.0), STANDING, Finish(4, 2), lengths=(2, 2)),
+    row(RUNNING, ('advanced', 2, 0.0, 'stop d1'), FAULTED, StopSafely(4, 2, 'stop d1')),
+    row(RUNNING, ('advanced', 2, 0.0, 'stop d1'), FAULTED, StopSafely(4, 2, 'stop d1'), lengths=(2, 2)),
+    # the recorder reports
+    row(STANDING, ('recorded', 1, 1), STANDING),
+    row(LOADING, ('recorded', 1, 1), LOADING),
+    row(LOADING, ('recorded', 0, 1), STANDING, recorded=None),  # first report: trajectories are resent
+    row(LOADED, ('recorded', 1, 1), LOADED),
+    row(LOADED, ('recorded', 0, 1), STANDING, recorded=None),
+    row(LOADED, ('recorded', 0, 1), STANDING, recorded=None, window=None),
+    row(RUNNING, ('recorded', 1, 2), RUNNING),
+    row(HELD, ('recorded', 1, 4), HELD),
+    row(HELD, ('recorded', 2, 4), RUNNING, SendSamples()),
+    row(FAULTED, ('recorded', 2, 4), FAULTED),
+    # answers are overdue
+    row(
+        RUNNING,
+        ('unanswered', 2, 5.04, 'd1, d3'),
+        FAULTED,
+        StopSafely(4, 1, 'tick 2 (cycle 4, sample 1): no answer for 5.0 s from d1, d3'),
+    ),
+    *(row(state, ('unanswered', 2, 5.04, 'd1'), state) for state in CycleState if state is not RUNNING),
+    # a STOP event
+    row(RUNNING, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 1, 'a: door')),
+    row(HELD, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 3, 'a: door')),
+    row(RUNNING, ('stop_requested', 3, 'a: door'), RUNNING),
+    row(HELD, ('stop_requested', 5, 'a: door'), HELD),
+    row(STANDING, ('stop_requested', 3, 'a: door'), STANDING),
+    row(LOADING, ('stop_requested', 4, 'a: door'), LOADING),
+    row(LOADED, ('stop_requested', 4, 'a: door'), LOADED),
+    row(FAULTED, ('stop_requested', 4, 'b: window'), FAULTED),
+    # a reset request
+    row(STANDING, ('reset',), STANDING, GoHome(3, NO_FAULT)),
+    row(LOADING, ('reset',), STANDING, GoHome(3, NO_FAULT)),
+    row(LOADED, ('reset',), STANDING, GoHome(3, NO_FAULT)),
+    row(RUNNING, ('reset',), RUNNING, RefuseReset(RUNS)),
+    row(HELD, ('reset',), HELD, RefuseReset(RUNS)),
+    row(FAULTED, ('reset',), STANDING, GoHome(4, 'at home; cleared: a: door')),
+]
+
+
+@pytest.mark.parametrize(('state', 'event', 'after', 'actions', 'options'), TABLE)
+def test_event_in_state(state, event, after, actions, options):
+    run = run_in(state, **options)
+    name, *arguments = event
+    assert getattr(run, name)(*arguments) == actions
+    assert run.state is after
+
+
+def test_table_has_every_event_in_every_state():
+    covered = {(param.values[0], param.values[1][0]) for param in TABLE}
+    states = {(state, event) for state in CycleState for event in EVENTS}
+    assert states - covered == {(state, 'advanced') for state in CycleState if state is not RUNNING}
+
+
+@pytest.mark.parametrize('state', [state for state in CycleState if state is not RUNNING])
+def test_tick_outside_a_running_cycle_is_an_error(state):
+    run = run_in(state)
+    with pytest.raises(RuntimeError, match=f"tick 9 in state '{state.value}'; expected running"):
+        run.advanced(9, 0.0)
+    assert run.state is state
+
+
+def test_first_joint_of_a_replaced_cycle_loads_again():
+    run = run_in(LOADING)
+    run.loaded('b', 5, 5, 8.0)
+    assert run.look(17.9, 1, []) == ()  # the timeout counts from the new cycle
+    run.loaded('a', 5, 5, 18.0)
+    assert run.look(18.0, 1, []) == (Start(5, 5), SendSamples())
+
+
+@pytest.mark.parametrize('discard', [CycleRun.reset, lambda run: run.recorded(0, 1)])
+def test_discarded_cycle_is_loaded_again_by_all_joints(discard):
+    run = run_in(LOADING, recorded=None)
+    discard(run)
+    run.loaded('b', CYCLE, 5, 0.0)
+    assert run.state is LOADING
+    run.loaded('a', CYCLE, 5, 0.0)
+    assert run.state is LOADED
+
+
+def test_fault_is_kept_until_reset():
+    run = run_in(FAULTED)
+    assert run.fault == 'a: door'
+    run.reset()
+    assert run.fault == ''
+    load(run, 5, (5, 5))
+    assert run.look(0.0, 2, []) == (Start(5, 5), SendSamples())
+    assert (run.cycle, run.index) == (5, 0)
+
+
+RANDOM_EVENTS = st.one_of(
+    # cycles relative to the last one
+    st.tuples(
+        st.just('loaded'), st.sampled_from('aabbx'), st.sampled_from([0, 1, 1, 1, 2]), st.sampled_from([3, 3, 3, 0])
+    ),
+    st.tuples(st.just('look'), st.sampled_from([[], [], ['laser']])),
+    st.tuples(st.just('answer'), st.integers(0, 1), st.integers(-1, 1), st.sampled_from([0.5, 0.5, float('nan')])),
+    st.tuples(st.just('load all')),
+    st.tuples(st.just('answer all')),
+    st.tuples(st.just('answer all')),
+    st.tuples(st.just('recorded')),
+    st.tuples(st.just('watch')),
+    st.tuples(st.just('wait'), st.sampled_from([1.0, 6.0])),
+    st.tuples(st.just('stop_requested'), st.integers(-1, 0)),
+    st.tuples(st.just('reset')),
+)
+
+
+class Shell:
+    """What the machine's node does with barrier and run, on an imagined mechanism."""
+
+    def __init__(self, window):
+        self.barrier = TickBarrier(len(JOINTS), ANSWER_TIMEOUT)
+        self.run = CycleRun(JOINTS, START_TIMEOUT, ANSWER_TIMEOUT, window)
+        self.now = 0.0
+        self.answered = set()  # joints with a finite answer to the current tick
+        self.ended = []  # cycles that finished or were stopped
+
+    def feed(self, event):
+        match event:
+            case ('load all',):  # in a row, so that long sequences get beyond LOADING
+                steps = [('loaded', 'a', 1, 3), ('loaded', 'b', 1, 3), ('look', [])]
+            case ('answer all',):
+                steps = [('answer', 0, 0, 0.5), ('answer', 1, 0, 0.5)]
+            case _:
+                steps = [event]
+        for step in steps:
+            self.feed_one(*step)
+
+    def feed_one(self, name, *arguments):
+        run, barrier, tick = self.run, self.barrier, self.barrier.tick
+        before, index = run.state, run.index
+        match name:
+            case 'wait':
+                self.now += arguments[0]
+            case 'loaded':
+                joint, shift, samples = arguments
+                self.perform(run.loaded(joint, run.cycle + shift, samples, self.now))
+            case 'look':
+                self.perform(run.look(self.now, tick, *arguments))
+            case 'answer':
+                self.answer(*arguments)
+            case 'recorded':
+                self.perform(run.recorded(tick, tick))
+            case 'watch' if missing := barrier.overdue(self.now):
+                self.perform(run.unanswered(tick, barrier.waited(self.now), missing))
+                assert run.state is FAULTED
+            case 'stop_requested':
+                self.perform(run.stop_requested(run.cycle + arguments[0], 'door'))
+            case 'reset':
+                self.perform(run.reset())
+        self.check(name, before, index)
+
+    def answer(self, joint, shift, voltage):
+        barrier = self.barrier
+        if barrier.is_open and shift == 0 and voltage == voltage:
+            self.answered.add(joint)
+        if barrier.answer(joint, barrier.tick + shift, voltage):
+            assert self.answered == {0, 1}
+            self.answered.clear()
+            self.perform(self.run.advanced(barrier.next_tick(), self.now))
+
+    def perform(self, actions):
+        for action in actions:
+            match action:
+                case SendSamples():
+                    assert not self.barrier.is_open
+                    self.barrier.open(self.now)
+                    self.answered.clear()
+                case Start(cycle, samples):
+                    assert samples > 0
+                    assert cycle > max(self.ended, default=0)
+                case Finish(cycle) | StopSafely(cycle):
+                    self.ended.append(cycle)
+                    self.barrier.close()
+                    self.answered.clear()
+
+    def check(self, name, before, index):
+        run = self.run
+        assert self.barrier.is_open == (run.state is RUNNING)
+        assert bool(run.fault) == (run.state is FAULTED)
+        if before is FAULTED:
+            assert run.state is FAULTED or name == 'reset'
+        if name not in ('answer', 'look'):
+            assert run.index == index
+
+
+@given(window=st.sampled_from([None, 1]), events=st.lists(RANDOM_EVENTS, min_size=30, max_size=80))
+def test_random_events_keep_barrier_and_run_consistent(window, events):
+    """
+    Ticks need every answer, a fault ends by reset only, no cycle starts twice.
+
+    The barrier is open exactly while the run awaits answers.
+    """
+    shell = Shell(window)
+    for event in events:
+        shell.feed(event)
+    assert shell.ended == sorted(set(shell.ended))
