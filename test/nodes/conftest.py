@@ -190,8 +190,8 @@ def joint_trajectory(machine, short_motion):
     """Return a function that makes the message of `short_motion` in joints."""
     joints = to_joints(machine, short_motion)
 
-    def message(cycle, *, motion='short', learning_law='none'):
-        return trajectory_to_msg(joints, cycle=cycle, motion=motion, learning_law=learning_law)
+    def message(cycle, *, motion='short', **fields):
+        return trajectory_to_msg(joints, cycle=cycle, motion=motion, **fields)
 
     return message
 

@@ -11,7 +11,7 @@ import math
 import sys
 from time import monotonic
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.qos import qos_profile_sensor_data
@@ -25,6 +25,17 @@ from pkm_core.plant.plant import Plant
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.messages.conversions import time_of_tick
+from pkm_nodes.messages.diagnostics import (
+    CYCLE,
+    FAULT,
+    FAULTED,
+    HELD,
+    RUNNING,
+    STANDING,
+    STATE,
+    TICK,
+    diagnostics,
+)
 from pkm_nodes.messages.tick_messages import MOTOR_COMMAND
 from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
@@ -256,20 +267,15 @@ class MachineNode(PkmNode):
         return response
 
     def _publish_diagnostics(self):
-        state = 'fault: ' + self._fault if self._fault else 'cycle running' if self._running else 'standing'
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.ERROR if self._fault else DiagnosticStatus.OK,
-            name=self.get_fully_qualified_name(),
-            message=state,
-            values=[
-                KeyValue(key='tick', value=str(self._tick)),
-                KeyValue(key='cycle', value=str(self._cycle)),
-                *(KeyValue(key=f'stale commands {j}', value=str(count)) for j, count in self._stale.items()),
-            ],
+        state = FAULTED if self._fault else HELD if self._held else RUNNING if self._running else STANDING
+        stale = {f'stale commands {joint}': count for joint, count in self._stale.items()}
+        message = diagnostics(
+            self,
+            DiagnosticStatus.ERROR if self._fault else DiagnosticStatus.OK,
+            f'fault: {self._fault}' if self._fault else 'cycle running' if self._running else 'standing',
+            {STATE: state, CYCLE: self._cycle, TICK: self._tick, FAULT: self._fault, **stale},
+            time_of_tick(self._tick, self._sample_time),
         )
-        stamp = time_of_tick(self._tick, self._sample_time)
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = stamp
         self._diagnostics.publish(message)
 
 
