@@ -11,11 +11,13 @@ import numpy as np
 
 from pkm_core.control.controllers import make_controller
 from pkm_core.errors import PkmError
+from pkm_core.recording.provenance import loop_hash
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.messages.conversions import is_identification
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.loaded_config import LoadedConfig
 from pkm_nodes.runtime.node import PkmNode, run
 
 
@@ -24,8 +26,9 @@ class ComputedTorqueControllerNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('computed_torque_controller', **kwargs)
-        machine, _, control = choose_gains(self, 'computed_torque')
+        machine, chosen, control = choose_gains(self, 'computed_torque')
         self.check_settings()
+        self._config = LoadedConfig(self, loop_hash(self.get_parameter('machine').value, chosen))
         joints = machine.joints
         self._controller = make_controller(machine, control)
         self._tick = -1

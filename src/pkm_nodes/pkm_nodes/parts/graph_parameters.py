@@ -48,6 +48,11 @@ class GraphParameters:
         """Return whether every node has answered or its time is over; False before the first `look_around`."""
         return bool(self._asked) and all(question.is_over for question in self._asked.values())
 
+    def values_of(self, parameter):
+        """Return the values of `parameter` of all nodes that have answered and have it."""
+        answers = [question.values for question in self._asked.values() if question.values is not None]
+        return [values[parameter] for values in answers if parameter in values]
+
     def as_json(self):
         """Return {node: {parameter: value}} as JSON text; null for a node without an answer."""
         own = {name: parameter.value for name, parameter in self._node.get_parameters_by_prefix('').items()}
