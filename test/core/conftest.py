@@ -23,6 +23,8 @@ TYPES = {
     'laser': 'pkm_interfaces/msg/LaserSample',
 }
 NANOSECONDS = 500_000  # of a tick
+# fields that messages of older bags do not have, see test_bag_of_an_older_version_is_read
+_NEWER = {'kind': 0, 'bag': ''}
 
 
 @dataclass
@@ -63,10 +65,20 @@ class Recording:
     """A bag under way; `tick` by `tick`, then `close`, or not."""
 
     def __init__(
-        self, folder, cycle, number, *, law='fourier', motion='short', first_tick=0, metadata=None, laser=False
+        self,
+        folder,
+        cycle,
+        number,
+        *,
+        law='fourier',
+        motion='short',
+        first_tick=0,
+        metadata=None,
+        laser=False,
+        types=None,
     ):
         self.cycle, self.number, self.first = cycle, number, first_tick
-        self._store = typestore()
+        self._store = types or typestore()
         topics = {'/pkm/pose_trajectory': TYPES['trajectory'], '/pkm/joint_trajectory': TYPES['trajectory']}
         for joint in cycle.machine.joints:
             topics |= {f'/pkm/{joint}/{kind}': TYPES[kind] for kind in ('encoder', 'command')}
@@ -93,7 +105,9 @@ class Recording:
 
     def _put(self, topic, index, /, **fields):
         kind = self._topics[topic]
-        data = self._store.serialize_cdr(self._store.types[kind](**fields), kind)
+        message = self._store.types[kind]
+        newer = {name: value for name, value in _NEWER.items() if name in message.__dataclass_fields__}
+        data = self._store.serialize_cdr(message(**newer, **fields), kind)
         self.bag.write(topic, bytes(data), (self.first + index) * NANOSECONDS)
 
     def tick(self, index, without=()):

@@ -34,7 +34,6 @@ from support.goals import CellStandIn, Goals
 
 _DOMAINS = range(41, 60)
 _next_domain = cycle(_DOMAINS)
-_KNOWN_AT_START = frozenset(PkmNode._known_in_process)
 # [s, wall] what is waited for takes milliseconds; the rest is reserve for a machine that does much else
 _PATIENCE = 30.0
 # [s, wall] how long nothing must happen before a test believes that nothing will
@@ -158,7 +157,6 @@ def domain_id():
 def graph(domain_id, monkeypatch):
     """Return a `Graph` with only the test's own node in it."""
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setattr(PkmNode, '_known_in_process', set(_KNOWN_AT_START))  # every test is a process of its own
     rclpy.init(domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C is pytest's
     try:
         graph = Graph()
@@ -192,8 +190,8 @@ def joint_trajectory(machine, short_motion):
     """Return a function that makes the message of `short_motion` in joints."""
     joints = to_joints(machine, short_motion)
 
-    def message(cycle, *, motion='short', learning_law='none'):
-        return trajectory_to_msg(joints, cycle=cycle, motion=motion, learning_law=learning_law)
+    def message(cycle, *, motion='short', **fields):
+        return trajectory_to_msg(joints, cycle=cycle, motion=motion, **fields)
 
     return message
 

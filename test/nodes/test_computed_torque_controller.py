@@ -140,6 +140,13 @@ def test_trajectory_that_wants_to_be_learned_is_refused(graph, cell):
     cell.load(5)
 
 
+def test_cycle_of_identification_is_refused(graph, cell):
+    graph.start(ComputedTorqueControllerNode)
+    cell.send(cell.message(4, kind=SampledTrajectory.IDENTIFICATION))
+    refused = graph.next_event(CycleEvent.REFUSED, cycle=4)
+    assert refused.message == 'kind IDENTIFICATION: computed torque takes no excitation; expected MOTION'
+
+
 @pytest.mark.parametrize(
     ('parameters', 'text'),
     [

@@ -20,6 +20,8 @@ from pkm_nodes.page.cell import Cell, Status
 from pkm_nodes.page.panels import nodes_html, notice_html, status_html
 from pkm_nodes.page.trace import read_trace
 
+OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
+
 
 @pytest.fixture
 def cell(machine):
@@ -124,7 +126,7 @@ def test_best_trace_is_that_of_the_best_cycle(cell, tmp_path, bag_first):
     zeros = np.zeros((3, 4)).tolist()
     for cycle, error in ((1, 5e-6), (2, 1e-6), (3, 2e-6)):
         bag = record(tmp_path, cell.machine.joints, zeros, zeros, name=f'bag{cycle}')
-        event = CycleEvent(event=CycleEvent.RECORDED, cycle=cycle, message=str(bag))
+        event = CycleEvent(event=CycleEvent.RECORDED, cycle=cycle, bag=str(bag))
         steps = [lambda event=event: cell.hear(event), lambda c=cycle, e=error: measure(cell, c, *4 * [e])]
         for step in steps if bag_first else reversed(steps):
             step()
@@ -134,16 +136,16 @@ def test_best_trace_is_that_of_the_best_cycle(cell, tmp_path, bag_first):
 def test_bag_that_is_not_to_be_had_is_said_and_the_last_trace_stays(cell, tmp_path):
     zeros = np.zeros((3, 4)).tolist()
     bag = record(tmp_path, cell.machine.joints, zeros, zeros)
-    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, message=str(bag)))
+    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
     assert cell.latest.cycle == 1
-    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=2, message=str(tmp_path / 'elsewhere')))
+    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=2, bag=str(tmp_path / 'elsewhere')))
     assert cell.latest.cycle == 1
     assert cell.no_trace == f'{tmp_path / "elsewhere"}: no such bag on this computer'
 
 
 def test_bag_that_is_none_of_this_cell_is_refused(cell, tmp_path):
     bag = record(tmp_path, ('x', 'y'), np.zeros((3, 2)).tolist(), np.zeros((3, 2)).tolist())
-    with pytest.raises(BagError, match=r'holds no tick that every joint of \[.d1'):
+    with pytest.raises(BagError, match=r'has no tick with a command of every joint of \[.d1'):
         read_trace(bag, 1, cell.machine.joints, '/pkm')
     (next(bag.glob('*.mcap'))).write_bytes(b'\x89MCAP0\r\nnonsense')
     with pytest.raises(BagError, match='cannot be read as a bag of this cell'):
@@ -183,7 +185,7 @@ def test_machine_that_was_started_anew_counts_from_one(graph, dashboard, machine
     diagnostics = graph.publisher(DiagnosticArray, '/diagnostics')
 
     def say(tick):
-        status = DiagnosticStatus(name='/pkm/machine', message='standing', values=[KeyValue(key='tick', value=tick)])
+        status = DiagnosticStatus(name='/pkm/machine', values=[KeyValue(key='tick', value=tick)])
         diagnostics.publish(DiagnosticArray(status=[status]))
 
     say('3400')
@@ -192,6 +194,27 @@ def test_machine_that_was_started_anew_counts_from_one(graph, dashboard, machine
     say('0')
     graph.spin_until(lambda: not dashboard.cell.errors, 'the new beginning')
     assert (dashboard.cell.cycle, dashboard.cell.best_cycle) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ('values', 'level', 'status', 'reason'),
+    [
+        ({'state': 'standing'}, OK, Status.STANDING, ''),
+        ({'state': 'running'}, OK, Status.RUNNING, ''),
+        ({'state': 'held'}, OK, Status.RUNNING, ''),
+        ({'state': 'faulted', 'fault': 'tick 3: hit'}, ERROR, Status.FAULT, 'tick 3: hit'),
+        ({}, OK, Status.STANDING, ''),
+        ({}, ERROR, Status.FAULT, 'running, fault: of a drive'),
+    ],
+)
+def test_status_comes_from_keys_not_from_prose(graph, dashboard, machine, values, level, status, reason):
+    """The last two cases are machines of others, whose diagnostics have no keys."""
+    dashboard.cell = Cell(machine)
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    message = DiagnosticStatus(name='/pkm/machine', level=level, message='running, fault: of a drive', values=pairs)
+    graph.publisher(DiagnosticArray, '/diagnostics').publish(DiagnosticArray(status=[message]))
+    graph.spin_until(lambda: dashboard.cell.status == status, f'the status {status}')
+    assert dashboard.cell.reason == reason
 
 
 def test_nodes_that_are_missing_or_doubled_are_named(graph, dashboard):

@@ -14,8 +14,8 @@ from pkm_core.identification.plan import in_poses
 from pkm_core.motion.planning import Motion, Target, plan
 from pkm_core.motion.trajectory import to_joints
 from pkm_interfaces.action import Identify
-from pkm_interfaces.msg import CycleEvent, EncoderSample, Excitation, MotorCommand, SampledTrajectory
-from pkm_nodes.messages.conversions import IDENTIFY, trajectory_to_msg
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, Excitation, MotorCommand, SampledTrajectory
+from pkm_nodes.messages.conversions import trajectory_to_msg
 from pkm_nodes.nodes.identification import IdentificationNode
 from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
 from pkm_nodes.nodes.joint_controller import JointControllerNode
@@ -64,9 +64,9 @@ class Cycle:
         self._samples = graph.publisher(EncoderSample, 'd3/encoder')
         self.commands = graph.listen(MotorCommand, 'd3/command')
 
-    def plan(self, cycle):
-        named = {'cycle': cycle, 'motion': 'd3_sweep_0', 'learning_law': IDENTIFY}
-        self._trajectories.publish(trajectory_to_msg(self._joints, **named))
+    def plan(self, cycle, **fields):
+        named = {'cycle': cycle, 'motion': 'd3_sweep_0', 'kind': SampledTrajectory.IDENTIFICATION}
+        self._trajectories.publish(trajectory_to_msg(self._joints, **named, **fields))
 
     def excite(self, cycle, volts):
         for message in excitations(volts, cycle):
@@ -113,6 +113,20 @@ def test_excitation_is_added_to_the_voltage_of_the_law(graph, machine, cycle, jo
         assert (command.voltage, command.error) == (voltage + volts[index], error)
 
 
+def test_cycle_of_identification_is_not_learned(graph, cycle, learning, joints, volts):
+    graph.start(JointControllerNode, joint='d3')
+    metrics = graph.listen(CycleMetrics, 'd3/cycle_metrics')
+    cycle.excite(1, volts)
+    cycle.plan(1, learning_law='fourier')
+    graph.next_event(CycleEvent.LOADED)
+    for index in range(volts.size):
+        cycle.sample(1, index, joints.position[index, COLUMN])
+        cycle.answer()
+    graph.spin_until(lambda: metrics, 'the metrics of the cycle')
+    graph.spin_in_silence()
+    assert not learning.requests
+
+
 def test_axis_that_leaves_its_bounds_asks_for_a_stop_and_is_not_answered(graph, cycle, joints, volts):
     graph.start(JointControllerNode, joint='d3')
     cycle.excite(1, volts)
@@ -138,15 +152,15 @@ def test_inverse_kinematics_leaves_a_cycle_planned_in_joints_alone(graph, machin
     sent = graph.listen(SampledTrajectory, 'joint_trajectory')
     poses = graph.publisher(SampledTrajectory, 'pose_trajectory')
     trajectory = in_poses(machine, joints)
-    poses.publish(trajectory_to_msg(trajectory, cycle=1, motion='sweep', learning_law=IDENTIFY))
-    poses.publish(trajectory_to_msg(trajectory, cycle=2, motion='move', learning_law='none'))
+    poses.publish(trajectory_to_msg(trajectory, cycle=1, motion='sweep', kind=SampledTrajectory.IDENTIFICATION))
+    poses.publish(trajectory_to_msg(trajectory, cycle=2, motion='move'))
     graph.spin_until(lambda: sent, 'a joint_trajectory')
     assert [message.cycle for message in sent] == [2]
 
 
 def send(goals, joints, excitation, **fields):
     """Return the handle of a goal of one cycle of identification."""
-    experiment = trajectory_to_msg(joints, cycle=0, motion='d3_sweep_0', learning_law='')
+    experiment = trajectory_to_msg(joints, cycle=0, motion='d3_sweep_0')
     return goals.send(**{'experiment': experiment, 'excitation': excitation} | fields)
 
 
@@ -170,7 +184,7 @@ def test_experiment_runs_as_one_cycle_and_its_bag_has_the_excitation(graph, cell
     result = send(goals, joints, excitations(volts))
     recorded = graph.next_event(CycleEvent.RECORDED)
     assert end(goals, result) == (GoalStatus.STATUS_SUCCEEDED, '')
-    record, warnings = read_cell_bag(machine, recorded.message)
+    record, warnings = read_cell_bag(machine, recorded.bag)
     assert not warnings
     assert np.array_equal(record.reference, joints.position)
     assert np.array_equal(record.excitation[:, COLUMN], volts)
@@ -230,7 +244,7 @@ def test_cancelled_identification_leaves_the_machine_braked_and_the_bag_whole(gr
     graph.spin_until(lambda: moved[-1].tick == fault.tick - 1, 'the last tick of the safe stop')
     assert abs(moved[-1].counts - moved[-50].counts) <= 2  # it stands, as far as the encoder's noise lets one see
     recorded = graph.next_event(CycleEvent.RECORDED)
-    record, warnings = read_cell_bag(machine, recorded.message)
+    record, warnings = read_cell_bag(machine, recorded.bag)
     assert 100 <= len(record.counts) < 7000
     assert 'the rest is missing' in warnings[0]
     client.destroy()

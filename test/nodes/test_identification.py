@@ -96,10 +96,10 @@ def cell_of(graph):
     ('goal', 'reason'),
     [
         ({'joints': ['d5']}, "joint 'd5' is unknown; planar has ['d1', 'd3']"),
-        ({'kind': 'all'}, "kind 'all'; known: ['low_frequency', 'sweep', 'both']"),
+        ({'kind': 3}, 'identify: kind is 3; allowed: 0 (BOTH), 1 (LOW_FREQUENCY), 2 (SWEEP)'),
         ({'band': [80.0, 1200.0]}, 'd1: sweep from 80 to 1200 Hz; expected 0 < from < to < 1000 Hz'),
         ({'jog_speed': 0.2}, 'leaves the travel'),
-        ({'kind': 'sweep'}, "kind 'sweep': no slow moves of ['d1', 'd3'] yet; identify both"),
+        ({'kind': Identify.Goal.SWEEP}, "kind 'sweep': no slow moves of ['d1', 'd3'] yet; send a goal of kind BOTH"),
     ],
 )
 def test_goal_that_cannot_be_met_is_refused_before_anything_moves(cell_of, client, goal, reason):
@@ -160,7 +160,7 @@ def test_feedback_says_what_moves(graph, cell_of, client):
     experiment = cell.wait_for_goal().experiment
     graph.spin_until(lambda: client.feedback, 'feedback')
     feedback = client.feedback[0]
-    assert (feedback.phase, feedback.joint, feedback.experiment) == ('moving', 'd3', 'd3_slow_moves')
+    assert (feedback.phase, feedback.joint, feedback.experiment) == (feedback.MOVING, 'd3', 'd3_slow_moves')
     assert (experiment.motion, list(experiment.coordinates)) == ('d3_slow_moves', list(JOINTS))
     cell.ended.set_result('enough')
     client.end(goal)

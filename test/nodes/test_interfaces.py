@@ -6,12 +6,17 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import get_action_names_and_types
 from rclpy.parameter import Parameter
 
 from pkm_nodes.graph import cell_nodes
+from pkm_nodes.messages.diagnostics import values_of
 from pkm_nodes.nodes.cell import NODES
 from pkm_nodes.nodes.dashboard import DashboardNode
+from pkm_nodes.nodes.joint_controller import JointControllerNode
+from pkm_nodes.nodes.machine import MachineNode
+from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.ros2.shared import find_interface
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +35,7 @@ def tables(heading):
 
 
 def for_joints(name, joints):
-    return [name.strip('`').replace('<joint>', joint) for joint in (joints if '<joint>' in name else joints[:1])]
+    return [name.replace('`', '').replace('<joint>', joint) for joint in (joints if '<joint>' in name else joints[:1])]
 
 
 @pytest.fixture
@@ -109,6 +114,30 @@ def test_every_service_and_action_is_documented(graph, nodes, machine):
     }
     actions = [(row['action'].strip('`'), [row['type']]) for row in tables('Actions')]
     graph.spin_until(lambda: get_action_names_and_types(graph.node) == actions, f'the action(s) {actions}')
+
+
+def test_keys_of_diagnostics_are_documented(graph, machine, tmp_path):
+    """The page lists the words that are values of the key `state`."""
+    rows = tables('Diagnostics')
+    keys = {row['node']: set() for row in rows}
+    for row in rows:
+        keys[row['node']] |= set(for_joints(row['key'], machine.joints))
+    states = {row['node']: re.findall(r'`(\w+)`', row['value']) for row in rows if row['key'] == '`state`'}
+    received = graph.listen(DiagnosticArray, '/diagnostics')
+    graph.start(MachineNode)
+    graph.start(JointControllerNode)
+    graph.start(RecorderNode, folder=str(tmp_path))
+    latest = {}
+
+    def has_all():
+        latest.update({status.name.removeprefix('/pkm/'): status for array in received for status in array.status})
+        return latest.keys() == keys.keys()
+
+    graph.spin_until(has_all, 'the diagnostics of every kind of node')
+    for name, status in latest.items():
+        found = values_of(status)
+        assert found.keys() == keys[name]
+        assert found['state'] in states[name]
 
 
 def layout_paths():

@@ -132,7 +132,7 @@ def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
     axis.run(1)
     axis.load(2, learning_law='fourier')
     notice = graph.next_event(CycleEvent.NOTICE, cycle=1)
-    assert notice.message == 'd3: no answer from learning/update for 0.2 s; going on with the feedforward there is'
+    assert notice.message == 'd3: no answer from learning/update for 0.2 s; the previous feedforward is kept'
     assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
 
 

@@ -131,9 +131,19 @@ def test_loop_with_other_gains_is_learned_with_the_law_for_these(graph, machine,
     cycles.send(1, 'inverse')
     cycles.verdict()
     for gains in (configured, softer):
-        request, answer = cycles.learn('d3', 1, 'inverse', gains=gains_to_msg(gains))
+        request, answer = cycles.learn('d3', 1, 'inverse', has_gains=True, gains=gains_to_msg(gains))
         law = make_law('inverse', machine, {'d3': gains})
         assert np.array_equal(answer, expected(law, request))
+
+
+def test_gains_without_their_flag_are_ignored(graph, machine, cycles):
+    graph.start(LearningNode)
+    cycles.send(1, 'inverse')
+    cycles.verdict()
+    softer = load_control(machine)['d3'].model_copy(update={'kp': 2000.0})
+    request, answer = cycles.learn('d3', 1, 'inverse', gains=gains_to_msg(softer))
+    law = make_law('inverse', machine, {'d3': load_control(machine)['d3']})
+    assert np.array_equal(answer, expected(law, request))
 
 
 def test_law_that_would_diverge_with_changed_gains_is_refused(graph, machine, cycles):
@@ -141,7 +151,7 @@ def test_law_that_would_diverge_with_changed_gains_is_refused(graph, machine, cy
     weak = load_control(machine)['d3'].model_copy(update={'kp': 2000.0, 'kd': 12.0, 'ki': 40000.0})
     cycles.send(1, 'fourier_pid')
     cycles.verdict()
-    request = cycles.request('d3', 1, 'fourier_pid', gains=gains_to_msg(weak))
+    request = cycles.request('d3', 1, 'fourier_pid', has_gains=True, gains=gains_to_msg(weak))
     response = graph.call(UpdateFeedforward, 'learning/update', request)
     assert not response.success
     assert "learning law 'fourier_pid' would diverge" in response.message
@@ -248,7 +258,11 @@ def spoiled(values, index, value):
             'learning d5: feedforward is -inf at sample 3; expected a finite one',
         ),
         (
-            {'gains': RobustGains(kp=4e3, ki=-1.0, lag_pole=600.0, lag_zero=700.0, lag_dc_gain=1.0)},
+            {'has_gains': True},
+            'learning d5: gains: kp: 0.0 given; input should be greater than 0',
+        ),
+        (
+            {'has_gains': True, 'gains': RobustGains(kp=4e3, ki=-1.0, lag_pole=600.0, lag_zero=700.0, lag_dc_gain=1.0)},
             'learning d5: gains: ki: -1.0 given; input should be greater than or equal to 0',
         ),
         ({'sample_time': 1e-3}, 'learning d5: sample time is 0.001 s; expected 0.0005 s'),

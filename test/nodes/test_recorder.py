@@ -26,7 +26,7 @@ from pkm_core.bag.reader import read_metadata
 from pkm_core.errors import BagError, ConfigError
 from pkm_core.machines.laser_clock import sample_numbers
 from pkm_core.recording import recording
-from pkm_core.recording.provenance import config_hash, git_revision
+from pkm_core.recording.provenance import config_hash, git_revision, loop_hash
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, LaserSample, MotorCommand, SampledTrajectory
 from pkm_nodes.messages.conversions import time_of_tick, trajectory_to_msg
@@ -110,7 +110,7 @@ def cell(graph, machine, short_motion, joint_trajectory):
 
 def bag_of(graph, cycle):
     """Wait until the bag of `cycle` is closed and return its path."""
-    return Path(graph.next_event(CycleEvent.RECORDED, cycle=cycle).message)
+    return Path(graph.next_event(CycleEvent.RECORDED, cycle=cycle).bag)
 
 
 def counts_by_rosbags(bag):
@@ -144,7 +144,7 @@ def test_cycle_gives_one_bag_that_rosbags_and_mcap_read_with_every_message(graph
     graph.start(RecorderNode, folder=str(tmp_path))
     cell.play(1, 0)
     recorded = graph.next_event(CycleEvent.RECORDED)
-    bag = Path(recorded.message)
+    bag = Path(recorded.bag)
     assert list(tmp_path.iterdir()) == [bag]
     assert bag.name.startswith('short_0001_')
     assert counts_by_rosbags(bag) == counts_by_mcap(bag) == expected_counts()
@@ -416,7 +416,7 @@ def test_bag_says_who_ran_with_which_parameters(graph, cell, tmp_path):
     assert parameters['learning']['machine'] == 'planar'
     assert parameters['recorder']['folder'] == str(tmp_path / 'bags')
     assert data['git_revision'] == git_revision()
-    assert data['config_hash'] == config_hash('four_dof', '', 'none'), 'nobody knows a file of the motion "short"'
+    assert data['config_hash'] == config_hash([loop_hash('four_dof')], '', 'none'), 'no file of a motion "short"'
 
 
 def test_recorder_is_ready_only_when_somebody_leads_the_joints(graph, cell, tmp_path):

@@ -10,6 +10,7 @@ from support.rooms import GROUND, arrows, imports_of_the_house, modules, room_of
 
 CORE = {
     GROUND: '',
+    'servo': '',
     'machines': '',
     'motion': 'machines',
     'plant': 'machines',

@@ -32,6 +32,7 @@ TOOL = ROOT / 'bringup_scripts' / 'ros2'
 MOTION = 'pkm_interfaces/action/ExecuteMotion'
 TRAJECTORY = """\
 cycle: 3
+kind: 0
 motion: frü...
 learning_law: ''
 sample_time: 1.0e-05

@@ -1,13 +1,46 @@
 """Records: a bag as arrays, and what is no cycle of this cell."""
 
+import re
+
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.bag.message_types import typestore
+from pkm_core.bag.reader import read_topics
 from pkm_core.bag.writer import BagWriter
+from pkm_core.config import install_prefixes
 from pkm_core.errors import BagError
 from pkm_core.motion.metrics import axis_metrics
+
+TOPICS = ['/pkm/joint_trajectory', '/pkm/cycle_events']
+
+
+@pytest.fixture
+def older_types():
+    """Return the message types before SampledTrajectory had `kind` and CycleEvent had `bag`."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    folder = next(prefix / 'share' / 'pkm_interfaces' / 'msg' for prefix in install_prefixes())
+    for path in folder.glob('*.msg'):
+        text = re.sub(r'^(uint8 kind|string bag) .*$', '', path.read_text(encoding='utf-8'), flags=re.MULTILINE)
+        store.register(get_types_from_msg(text, f'pkm_interfaces/msg/{path.stem}'))
+    return store
+
+
+def test_bag_of_an_older_version_is_read(start_recording, make_cycle, older_types):
+    """A bag carries the definitions of its messages; the arrays need no newer field."""
+    cycle = make_cycle()
+    recording = start_recording(cycle, 7, types=older_types)
+    recording.ticks()
+    recording.event(2, len(cycle.joints))
+    path = recording.close()
+    (trajectory,), (event,) = read_topics(path, TOPICS).values()
+    assert not hasattr(trajectory, 'kind')
+    assert not hasattr(event, 'bag')
+    record = read_cycle(path)
+    assert (record.cycle, record.motion, record.learning_law) == (7, 'short', 'fourier')
+    assert np.array_equal(record.error, cycle.error)
 
 
 def test_record_holds_what_was_written(write_bag, make_cycle):

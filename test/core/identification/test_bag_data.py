@@ -68,7 +68,7 @@ def write_cell_bag(path, experiment, record, *, ticks=None):
     for name, trajectory in (('joint', experiment.trajectory), ('pose', poses)):
         rows = ('position', 'velocity', 'acceleration', 'jerk')
         put(
-            f'/pkm/{name}_trajectory', 0, cycle=1, motion='identification', learning_law='none',
+            f'/pkm/{name}_trajectory', 0, cycle=1, kind=1, motion='identification', learning_law='none',
             sample_time=trajectory.sample_time, coordinates=list(trajectory.coordinates),
             move_starts=trajectory.move_starts.astype(np.uint32), move_ends=trajectory.move_ends.astype(np.uint32),
             feedforward=np.zeros(0), **{row: getattr(trajectory, row).ravel() for row in rows},

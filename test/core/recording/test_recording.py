@@ -60,9 +60,8 @@ class Cell:
 
     def tell(self, event, cycle, tick=0, samples=SAMPLES, message=''):
         number = getattr(self._types.types[EVENT], event)
-        self.say(
-            'cycle_events', event=number, source='machine', cycle=cycle, tick=tick, samples=samples, message=message
-        )
+        fields = {'source': 'machine', 'cycle': cycle, 'tick': tick, 'samples': samples, 'bag': '', 'message': message}
+        self.say('cycle_events', event=number, **fields)
 
     def load(self, cycle, motion='short'):
         values = {name: np.zeros(4 * SAMPLES) for name in ('position', 'velocity', 'acceleration', 'jerk')}
@@ -70,7 +69,7 @@ class Cell:
         for topic in ('pose', 'joint'):
             self.say(
                 f'{topic}_trajectory',
-                **{'cycle': cycle, 'motion': motion, 'learning_law': 'fourier', 'sample_time': TS},
+                **{'cycle': cycle, 'kind': 0, 'motion': motion, 'learning_law': 'fourier', 'sample_time': TS},
                 coordinates=list(JOINTS),
                 **values,
                 **moves,

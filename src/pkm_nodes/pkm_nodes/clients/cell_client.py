@@ -80,7 +80,7 @@ class CellClient:
             self._log.seconds = now - self._first
             self._started = None
         elif event.event == CycleEvent.RECORDED and event.cycle in self._of_goal:
-            self._log.bags.append(Path(event.message))
+            self._log.bags.append(Path(event.bag))
         elif event.event == CycleEvent.NOT_RECORDED:
             self._log.unrecorded.append(f'cycle {event.cycle} is not recorded: {event.message}')
         elif event.event == CycleEvent.NOTICE:

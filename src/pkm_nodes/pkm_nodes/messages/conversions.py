@@ -1,4 +1,4 @@
-"""Messages to arrays and back."""
+"""Conversion between messages and arrays."""
 
 from array import array
 
@@ -6,12 +6,14 @@ import numpy as np
 from builtin_interfaces.msg import Time
 
 from pkm_core.errors import TrajectoryError
+from pkm_core.identification import IdentificationError
 from pkm_core.motion.trajectory import DERIVATIVES, SampledTrajectory
+from pkm_interfaces.action import Identify
 from pkm_interfaces.msg import AxisFit, AxisResponse
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 
-# learning_law of a cycle of identification, see SampledTrajectory.msg
-IDENTIFY = 'identify'
+# field `kind` of a goal of identify by the `kind` of a `Request`
+_EXPERIMENTS = {'both': Identify.Goal.BOTH, 'low_frequency': Identify.Goal.LOW_FREQUENCY, 'sweep': Identify.Goal.SWEEP}
 
 
 def time_of_tick(tick, sample_time):
@@ -25,10 +27,39 @@ def nanoseconds_of_tick(tick, sample_time):
     return tick * round(sample_time * 1e9)
 
 
-def trajectory_to_msg(trajectory, *, cycle, motion, learning_law, feedforward=None):
-    """Return `trajectory` as a message for `cycle`; `feedforward` (N, joints) [V] is what it begins with."""
+def is_identification(message):
+    """Return whether the cycle of a trajectory message is an experiment of identification."""
+    return message.kind == SampledTrajectoryMessage.IDENTIFICATION
+
+
+def learns(message):
+    """Return whether the controllers learn from the cycle of a trajectory message."""
+    return message.kind == SampledTrajectoryMessage.MOTION and message.learning_law != 'none'
+
+
+def trajectory_to_msg(
+    trajectory, *, cycle, motion, learning_law='none', kind=SampledTrajectoryMessage.MOTION, feedforward=None
+):
+    """
+    Return a trajectory as a message.
+
+    Parameters
+    ----------
+    trajectory : SampledTrajectory
+        Of `coordinates` of a pose or of joints.
+    cycle : int
+        [1] number of the cycle.
+    motion, learning_law : str
+        Names.
+    kind : int
+        MOTION or IDENTIFICATION of the message.
+    feedforward : ndarray, shape (N, joints), optional
+        [V] learned feedforward for the cycle; without it the controllers keep theirs.
+
+    """
     message = SampledTrajectoryMessage(
         cycle=cycle,
+        kind=kind,
         motion=motion,
         learning_law=learning_law,
         sample_time=trajectory.sample_time,
@@ -45,7 +76,7 @@ def trajectory_to_msg(trajectory, *, cycle, motion, learning_law, feedforward=No
 
 def feedforward_from_msg(message, shape):
     """
-    Return the learned feedforward `shape` (N, joints) [V] a trajectory message begins with, or None.
+    Return the learned feedforward in a trajectory message as an array of `shape` (N, joints) [V], None without one.
 
     Raises
     ------
@@ -65,15 +96,18 @@ def feedforward_from_msg(message, shape):
 
 def trajectory_from_msg(message, *, coordinates, sample_time):
     """
-    Return the trajectory in `message`.
+    Return the `SampledTrajectory` of a message.
 
     Raises
     ------
     TrajectoryError
-        If it is not one for `coordinates` at `sample_time`, its arrays do not fit together, or a value is not finite.
+        If `kind` is unknown, `coordinates` or `sample_time` [s] differ, the arrays have different lengths, or a value
+        is not finite.
 
     """
     where = f'trajectory of cycle {message.cycle}'
+    if message.kind not in (message.MOTION, message.IDENTIFICATION):
+        raise TrajectoryError(f'{where}: kind is {message.kind}; allowed: 0 (MOTION), 1 (IDENTIFICATION)')
     if tuple(message.coordinates) != tuple(coordinates):
         raise TrajectoryError(f'{where}: has coordinates {list(message.coordinates)}; expected {list(coordinates)}')
     if message.sample_time != sample_time:
@@ -94,6 +128,19 @@ def trajectory_from_msg(message, *, coordinates, sample_time):
         )
     except TrajectoryError as error:
         raise TrajectoryError(f'cycle {message.cycle}: {error}') from None
+
+
+def experiments_to_msg(kind):
+    """Return the field `kind` of a goal of identify for the `kind` of a `Request`; '' is 'both'."""
+    return _EXPERIMENTS[kind or 'both']
+
+
+def experiments_from_msg(number):
+    """Return the `kind` of a `Request` for that of a goal of identify; `IdentificationError` if it is unknown."""
+    for kind, known in _EXPERIMENTS.items():
+        if number == known:
+            return kind
+    raise IdentificationError(f'identify: kind is {number}; allowed: 0 (BOTH), 1 (LOW_FREQUENCY), 2 (SWEEP)')
 
 
 def fit_to_msg(found):

@@ -55,9 +55,8 @@ def make_nodes():
         named = {} if spec.name == spec.executable else {'name': spec.name}
         if spec.executable == 'recorder':
             named['neighbours'] = nodes
-        node = NODES[spec.executable](
-            parameter_overrides=[Parameter(key, value=value) for key, value in parameters.items()], **named
-        )
+        overrides = [Parameter(key, value=value) for key, value in parameters.items()]
+        node = NODES[spec.executable](parameter_overrides=overrides, known_elsewhere=nodes[0].declared(), **named)
         nodes += [node, *getattr(node, 'parts', [])]
     return nodes
 

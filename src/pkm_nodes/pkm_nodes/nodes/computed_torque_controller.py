@@ -1,7 +1,7 @@
 """
-Node `computed_torque_controller`: all axes at once; answers every encoder tick with a command a joint.
+Node `computed_torque_controller`: all axes; answers every encoder tick with one command per joint.
 
-One node for all, because M(q) couples them. The law is `ComputedTorque` of pkm_core; it learns nothing.
+One node for all joints, because M(q) couples them. The law is `ComputedTorque` of pkm_core; it does not learn.
 """
 
 import sys
@@ -11,50 +11,51 @@ import numpy as np
 
 from pkm_core.control.controllers import make_controller
 from pkm_core.errors import PkmError
+from pkm_core.recording.provenance import loop_hash
 from pkm_interfaces.msg import EncoderSample
+from pkm_nodes.messages.conversions import is_identification
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
-from pkm_nodes.parts.cycle_controller import ControllerNode
-from pkm_nodes.runtime.node import run
+from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains
+from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.loaded_config import LoadedConfig
+from pkm_nodes.runtime.node import PkmNode, run
 
 
-class ComputedTorqueControllerNode(ControllerNode):
-    """The encoders and joint_trajectory in, the commands out."""
+class ComputedTorqueControllerNode(PkmNode):
+    """Encoders and joint_trajectory in, commands out."""
 
     def __init__(self, **kwargs):
-        super().__init__('computed_torque_controller', 'computed_torque', **kwargs)
+        super().__init__('computed_torque_controller', **kwargs)
+        machine, chosen, control = choose_gains(self, 'computed_torque')
         self.check_settings()
-        joints = self._machine.joints
-        self._controller = make_controller(self._machine, self._control)
+        self._config = LoadedConfig(self, loop_hash(self.get_parameter('machine').value, chosen))
+        joints = machine.joints
+        self._controller = make_controller(machine, control)
         self._tick = -1
         self._measured = np.zeros(len(joints))  # [m] at self._tick
-        self._missing = set()  # columns whose sample of self._tick has not come
-        self._serve(joints)
+        self._missing = set()  # columns without a sample of self._tick
+        self._errors = np.zeros((0, len(joints)))  # [m] of the loaded cycle, one row per sample
+        law = CycleLaw(load=self._load, reset=self._controller.reset, check=_check)
+        self._cycles = CycleController(self, machine, {joint: CycleEvents(self, joint) for joint in joints}, law)
+        self._cycle, self._senders = self._cycles.cycle, self._cycles.senders
         for column, joint in enumerate(joints):
             self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, column), raw=True)
 
-    def _check(self, message):
-        if message.learning_law != 'none':
-            raise PkmError(f'learning_law {message.learning_law!r}: computed torque learns nothing; expected none')
-        if message.feedforward:
-            raise PkmError(f'{len(message.feedforward)} values of feedforward: computed torque takes none')
-
-    def _reset(self):
-        self._controller.reset()
-
-    def _load(self, trajectory, _):
-        self._controller.load(trajectory, np.zeros_like(trajectory.position))
+    def _load(self, loaded):
+        self._errors = loaded.errors
+        self._controller.load(loaded.trajectory, np.zeros_like(loaded.trajectory.position))
 
     def _on_sample(self, column, data):
-        """Take one encoder's sample; the last one of a tick is answered for all: the hot path."""
+        """Take the sample of one encoder; the last one of a tick makes all commands: the hot path."""
         tick, cycle, index, mode, _, position = ENCODER_SAMPLE.unpack(data)
         if mode != EncoderSample.RUN:
-            self._drop()
+            self._cycles.drop()
             return
-        if not self._loaded or cycle != self._message.cycle:
+        if cycle != self._cycle.active:
             return
         if tick != self._tick:
             self._tick = tick
-            self._missing.update(range(len(self._joints)))
+            self._missing.update(range(len(self._measured)))
         self._measured[column] = position
         self._missing.discard(column)
         if self._missing:
@@ -64,12 +65,22 @@ class ComputedTorqueControllerNode(ControllerNode):
         except PkmError as refusal:
             self.get_logger().error(f'tick {tick}: {refusal}; not answered')
             return
-        self._running = True
+        self._cycle.running = True
         for send, voltage, error in zip(self._senders, voltages.tolist(), errors.tolist(), strict=True):
             send(MOTOR_COMMAND.pack(tick, cycle, voltage, error, 0.0))
         self._errors[index] = errors
         if index + 1 == len(self._errors):
-            self._finish_cycle()
+            self._cycles.finish()
+
+
+def _check(message):
+    """Raise `PkmError` if computed torque cannot drive the cycle of a joint_trajectory message."""
+    if is_identification(message):
+        raise PkmError('kind IDENTIFICATION: computed torque takes no excitation; expected MOTION')
+    if message.learning_law != 'none':
+        raise PkmError(f'learning_law {message.learning_law!r}: computed torque learns nothing; expected none')
+    if message.feedforward:
+        raise PkmError(f'{len(message.feedforward)} values of feedforward: computed torque takes none')
 
 
 def make_nodes():

@@ -1,9 +1,8 @@
 """
-Node `dashboard`: the live page of a cell, a client like any other; see `pkm page`.
+Node `dashboard`: the live page of a cell, see `pkm page`. It uses the public topics, services and actions only.
 
-It listens to what the cell says anyway and to nothing of the servo tick. ROS is served `_RATE` times a second instead
-of whenever a message comes: of pose and joint_states, which come hundreds of times a second, only the latest is taken,
-and the cell keeps the processor for itself.
+It subscribes to no topic of the servo tick. ROS is served `_RATE` times per second and not with every message: of pose
+and joint_states, hundreds per second, only the latest message is taken. The processor is left to the cell.
 """
 
 import os
@@ -32,16 +31,17 @@ from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleMetrics, PlatformPose, SampledTrajectory
-from pkm_nodes.graph import cell_nodes
+from pkm_nodes.graph import cell_nodes, controller_nodes
+from pkm_nodes.messages.diagnostics import FAULT, FAULTED, HELD, RUNNING, STATE, TICK, values_of
 from pkm_nodes.page.cell import Cell, NodeLine, Notice, Status, home_pose
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, RCLError
 
-# [1/s, wall] how often ROS is served and the page brought up to date
+# [1/s, wall] rate of serving ROS and updating the page
 _RATE = 15.0
-# [s, wall] silence after which a machine counts as gone: it publishes diagnostics every second
+# [s, wall] without diagnostics of the machine, which come every second, until it is shown as absent
 _SILENCE = 5.0
-# the latest of a state that comes far more often than it is looked at
+# only the latest message of a state that is published faster than `_RATE`
 _LATEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -50,17 +50,18 @@ class DashboardNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('dashboard', **kwargs)
-        self.host = self.setting('host', '127.0.0.1', "address the page listens on; '0.0.0.0' lets other hosts in")
+        self.host = self.setting('host', '127.0.0.1', "address of the page; '0.0.0.0' accepts other hosts")
         self.port = self.setting('port', 8080, 'port of the page')
         self.check_settings()
         self.cell = Cell(namespace=self.get_namespace())
-        self._machine_name = None  # as the cell's parameter says: a name of config/machines or a file
+        self._machine_name = None  # parameter `machine` of the cell: a name of config/machines or a file
         self._expected = []  # names of its nodes
-        self._of_machine = []  # subscriptions that depend on its joints
+        self._single = ()  # of these, controllers of one joint
+        self._of_machine = []  # subscriptions to topics of its joints
         self._diagnosed = {}  # DiagnosticStatus by node
-        self._heard = -_SILENCE  # when the machine was heard last
+        self._heard = -_SILENCE  # time of the machine's last diagnostics
         self._ticks = None  # (wall time, tick) of its last diagnostics
-        self._asked = None  # the question for the machine's name, when it was last asked
+        self._asked = None  # Future of the request for the machine's name
         self._execute = ActionClient(self, ExecuteMotion, 'execute_motion')
         self._cancel = self.create_client(CancelGoal, 'execute_motion/_action/cancel_goal')
         self._reset = self.create_client(Trigger, 'machine/reset')
@@ -73,10 +74,10 @@ class DashboardNode(PkmNode):
         self.create_timer(1.0, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def fulfil(self, wish):
-        """Do what a button asks for: ('run', motion, cycles, law), ('visit', offsets), ('stop',) or ('reset',)."""
+        """Execute a wish: ('run', motion, cycles, law), ('visit', offsets), ('stop',) or ('reset',)."""
         {'run': self._run, 'visit': self._visit, 'stop': self._stop, 'reset': self._reset_machine}[wish[0]](*wish[1:])
 
-    # what the buttons do
+    # buttons
 
     def _run(self, motion, cycles, law):
         self._send(ExecuteMotion.Goal(motion=motion, cycles=cycles, learning_law=law), f'{motion}, law {law}')
@@ -104,7 +105,7 @@ class DashboardNode(PkmNode):
         sent.add_done_callback(lambda future: future.result().get_result_async().add_done_callback(on_result))
 
     def _stop(self):
-        """Cancel every goal, also that of another client: an empty request names them all."""
+        """Cancel every goal, those of other clients included: an empty request means all."""
         if not self._cancel.service_is_ready():
             self._notice('stop: no trajectory_generator offers execute_motion', good=False)
             return
@@ -125,7 +126,7 @@ class DashboardNode(PkmNode):
     def _notice(self, text, *, good=True):
         self.cell.notice = Notice(text, good)
 
-    # what the cell says
+    # topics of the cell
 
     def _on_event(self, event):
         if self.cell.machine is not None:
@@ -152,23 +153,26 @@ class DashboardNode(PkmNode):
                 self._on_machine(status)
 
     def _on_machine(self, status):
-        now, tick = monotonic(), int(next((v.value for v in status.values if v.key == 'tick'), 0))
+        values = values_of(status)
+        now, tick = monotonic(), int(values.get(TICK, 0))
         if self._ticks is not None and tick < self._ticks[1]:
-            self._asked = None  # it was started anew, perhaps as another machine
+            self._asked = None  # it was restarted, perhaps as another machine
             self.cell.begin_anew()
         elif self._ticks is not None and now > self._ticks[0]:
             self.cell.ticks_per_second = (tick - self._ticks[1]) / (now - self._ticks[0])
         self._heard, self._ticks = now, (now, tick)
-        if status.level == DiagnosticStatus.ERROR:
-            self.cell.status, self.cell.reason = Status.FAULT, status.message.removeprefix('fault: ')
+        state = values.get(STATE, '')
+        if state == FAULTED or status.level == DiagnosticStatus.ERROR:
+            # a machine that is not of this project may have no keys
+            self.cell.status, self.cell.reason = Status.FAULT, values.get(FAULT, status.message)
         else:
-            running = 'running' in status.message
+            running = state in (RUNNING, HELD)
             self.cell.status, self.cell.reason = Status.RUNNING if running else Status.STANDING, ''
 
-    # who is there
+    # nodes of the cell
 
     def _look_around(self):
-        """Once a second: find out whether there is a cell, of which machine, and which nodes it has."""
+        """Update, once per second, whether there is a cell, its machine, and its nodes."""
         present = [name for name, space in self.get_node_names_and_namespaces() if space == self.get_namespace()]
         if 'machine' not in present or monotonic() - self._heard > _SILENCE:
             self.cell.leave()
@@ -186,10 +190,11 @@ class DashboardNode(PkmNode):
         try:
             machine = load_machine(name)
         except PkmError as error:
-            self._notice(f'this page cannot show the machine of the cell: {error}', good=False)
+            self._notice(f'machine of the cell: cannot be shown: {error}', good=False)
             return
         self.cell = Cell(machine, self.get_namespace())
-        self._expected = [spec.name for spec in cell_nodes(name, record=False)]  # a recorder need not be there
+        self._expected = [spec.name for spec in cell_nodes(name, record=False)]  # a cell may run without a recorder
+        self._single = {spec.name for spec in controller_nodes(name, 'robust')}
         self._expected[1:1] = [*(f'linear_motor_{joint}' for joint in machine.joints), 'laser']
         while self._of_machine:
             self.destroy_subscription(self._of_machine.pop())
@@ -198,9 +203,9 @@ class DashboardNode(PkmNode):
             self._of_machine.append(self.create_subscription(CycleMetrics, topic, self.cell.measure, CYCLE_QOS))
 
     def _node_lines(self, present):
-        """Return a line for every node there is or should be."""
-        torque = 'computed_torque_controller' in present  # in the place of all others
-        expected = [name for name in self._expected if not (torque and name.startswith('joint_controller_'))]
+        """Return one line for every node that is present or expected."""
+        torque = 'computed_torque_controller' in present  # it replaces the controllers of single joints
+        expected = [name for name in self._expected if not (torque and name in self._single)]
         others = sorted({name for name in present if not name.startswith('_')} - {*expected, self.get_name()})
         lines = []
         for name in [*expected, *others]:
@@ -212,7 +217,8 @@ class DashboardNode(PkmNode):
             elif status is None:
                 lines.append(NodeLine(name, True, 'up'))
             else:
-                lines.append(NodeLine(name, status.level == DiagnosticStatus.OK, status.message.split(':')[0]))
+                text = values_of(status).get(STATE, status.message)
+                lines.append(NodeLine(name, status.level == DiagnosticStatus.OK, text))
         return lines
 
     def _name_of(self, node):
@@ -220,7 +226,7 @@ class DashboardNode(PkmNode):
 
 
 def serve(node, page):
-    """Bring `page` up to date with the cell until the context is shut down."""
+    """Serve `node` and update `page` until the context is shut down."""
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     while node.context.ok():
@@ -233,7 +239,7 @@ def serve(node, page):
 
 
 def _serve_ready(executor):
-    """Serve what has come, without waiting for more."""
+    """Serve all messages that have arrived, without waiting for more."""
     with suppress(TimeoutException, ShutdownException, ExternalShutdownException):
         while True:
             handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
@@ -246,7 +252,7 @@ def show(args=None):
     """Run the node and its page until interrupted."""
     from pkm_nodes.page.page import Page
 
-    os.nice(10)  # where the processor is short the cell goes first
+    os.nice(10)  # the page yields the processor to the cell
     rclpy.init(args=args)
     try:
         node = DashboardNode()

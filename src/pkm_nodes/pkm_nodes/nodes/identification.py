@@ -1,8 +1,8 @@
 """
-Node `identification`: the action identify; moves and shakes the axes of a running cell and fits their models.
+Node `identification`: the action identify; moves and excites the axes of a running cell and fits their models.
 
-Every experiment is one cycle, led by the trajectory_generator, excited and watched by the joint_controllers and kept as
-a bag by the recorder. A joint's bags are fitted in another process while the next joint moves, so the tick is not
+Every experiment is one cycle: the trajectory_generator runs it, the joint_controllers add the excitation, the recorder
+writes its bag. The bags of a joint are fitted in another process while the next joint moves, so that the tick is not
 disturbed. Cancelling brakes the machine at once.
 """
 
@@ -28,8 +28,8 @@ from pkm_core.identification.plan import Request, plan
 from pkm_core.machines import load_machine
 from pkm_core.parallel import search_executor
 from pkm_interfaces.action import ExecuteMotion, Identify
-from pkm_interfaces.msg import CycleEvent, Excitation
-from pkm_nodes.messages.conversions import IDENTIFY, fit_to_msg, trajectory_to_msg
+from pkm_interfaces.msg import CycleEvent, Excitation, SampledTrajectory
+from pkm_nodes.messages.conversions import experiments_from_msg, fit_to_msg, trajectory_to_msg
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.presence import Presence
 from pkm_nodes.runtime.node import PkmNode, run
@@ -40,7 +40,7 @@ _RECORDED = 10.0
 
 
 class IdentificationNode(PkmNode):
-    """Action server that is a client of the trajectory_generator; one goal at a time."""
+    """Action server, and client of the trajectory_generator; one goal at a time."""
 
     def __init__(self, **kwargs):
         super().__init__('identification', **kwargs)
@@ -50,9 +50,9 @@ class IdentificationNode(PkmNode):
         self.check_settings()
         self._machine = load_machine(self._name)
         self._goal = None  # the handle of the running goal
-        self._cycle = 0  # that was started last
+        self._cycle = 0  # started last
         self._bags = {}  # path by cycle
-        self._slow_moves = {}  # bags of the last ones by joint: what a goal of kind sweep goes on from
+        self._slow_moves = {}  # bags of the last ones by joint, for a goal of kind SWEEP
         self._waiting = (lambda: True, inf, Future())  # condition, deadline, future
         self._events = CycleEvents(self, 'identification')
         subscribe_events(self, self._on_event)
@@ -65,7 +65,7 @@ class IdentificationNode(PkmNode):
         self._server = ActionServer(self, Identify, 'identify', self._execute, cancel_callback=self._on_cancel)
 
     async def _execute(self, goal_handle):
-        """Run one goal; a refused one is aborted at once, because only a result can say why."""
+        """Run one goal; a refused one is aborted at once, because only a result carries a reason."""
         result = Identify.Result()
         if self._goal is not None:
             result.message = 'another goal of identify is running; wait for its end or cancel it'
@@ -92,7 +92,7 @@ class IdentificationNode(PkmNode):
         goal, machine = goal_handle.request, self._machine
         request = Request(
             tuple(goal.joints),
-            goal.kind,
+            experiments_from_msg(goal.kind),
             goal.positions,
             tuple(goal.band.tolist()),
             goal.voltage,
@@ -107,7 +107,9 @@ class IdentificationNode(PkmNode):
         plans = plan(machine, request, models, control)
         unknown = [joint for joint in plans if not request.moves and joint not in self._slow_moves]
         if unknown:
-            raise IdentificationError(f'kind {request.kind!r}: no slow moves of {unknown} yet; identify both')
+            raise IdentificationError(
+                f'kind {request.kind!r}: no slow moves of {unknown} yet; send a goal of kind BOTH'
+            )
         await self._require_cell()
         folder = self._folder / f'{machine.name}_{datetime.now():%Y%m%dT%H%M%S}'
         steps = sum(map(len, plans.values())) + len(plans)
@@ -115,7 +117,7 @@ class IdentificationNode(PkmNode):
         for joint, experiments in plans.items():
             bags = [] if request.moves else [self._slow_moves[joint]]
             for experiment in experiments:
-                feedback = Identify.Feedback(phase='moving', joint=joint, experiment=experiment.name)
+                feedback = Identify.Feedback(phase=Identify.Feedback.MOVING, joint=joint, experiment=experiment.name)
                 feedback.progress, feedback.coherence = done / steps, coherence
                 goal_handle.publish_feedback(feedback)
                 bags.append(await self._run(experiment))
@@ -131,14 +133,15 @@ class IdentificationNode(PkmNode):
             done, coherence = done + 1, typical_coherence(found[joint])
             result.warnings += warnings
             result.fits.append(fit_to_msg(found[joint]))
-            feedback = Identify.Feedback(phase='fitting', joint=joint, progress=done / steps, coherence=coherence)
+            feedback = Identify.Feedback(phase=Identify.Feedback.FITTING, joint=joint)
+            feedback.progress, feedback.coherence = done / steps, coherence
             goal_handle.publish_feedback(feedback)
         written = self._submit(write_results, folder, self._name, found, models, f'action identify of {machine.name}')
         await self._until(written.done)
         result.model_file = str(written.result() or '')
 
     async def _require_cell(self):
-        """Raise `IdentificationError` unless every axis has a controller and the cell a recorder."""
+        """Raise `IdentificationError` unless every axis has a controller and the cell has a recorder."""
         needed = {f'{joint}/command': f'{joint} is not enabled: no joint_controller' for joint in self._machine.joints}
         needed['recorder/tick'] = 'raw records are kept as bags, but no recorder'
 
@@ -154,9 +157,10 @@ class IdentificationNode(PkmNode):
         if self._goal.is_cancel_requested:
             raise IdentificationError(f'cancelled before {experiment.name}; the machine stands at home')
         joints = enumerate(self._machine.joints)
+        named = {'cycle': 0, 'motion': experiment.name, 'kind': SampledTrajectory.IDENTIFICATION}
         goal = ExecuteMotion.Goal(
             cycles=1,
-            experiment=trajectory_to_msg(experiment.trajectory, cycle=0, motion=experiment.name, learning_law=IDENTIFY),
+            experiment=trajectory_to_msg(experiment.trajectory, **named),
             excitation=[
                 Excitation(joint=joint, voltage=array('d', experiment.excitation[:, column].tobytes()))
                 for column, joint in joints
@@ -203,10 +207,10 @@ class IdentificationNode(PkmNode):
             if self._goal.is_cancel_requested:
                 self._stop()
         elif event.event == CycleEvent.RECORDED:
-            self._bags[event.cycle] = Path(event.message)
+            self._bags[event.cycle] = Path(event.bag)
 
     def _on_cancel(self, _):
-        self._stop()  # means nothing to a machine that stands
+        self._stop()  # a standing machine ignores it
         return CancelResponse.ACCEPT
 
     def _stop(self):
@@ -216,7 +220,7 @@ class IdentificationNode(PkmNode):
         return self._wall.now().nanoseconds * 1e-9
 
     def destroy_node(self):
-        """Destroy the actions and end the process for fits; a node does not do so by itself."""
+        """Destroy the actions and end the process for fits; `Node.destroy_node` does neither."""
         self._server.destroy()
         self._motion.destroy()
         self._workers.close()

@@ -1,4 +1,4 @@
-"""Node `inverse_kinematics`: pose_trajectory in, joint_trajectory out, once a cycle, position to jerk."""
+"""Node `inverse_kinematics`: pose_trajectory in, joint_trajectory out, once per cycle, position to jerk."""
 
 import sys
 
@@ -7,7 +7,12 @@ from pkm_core.machines import load_machine
 from pkm_core.motion.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
-from pkm_nodes.messages.conversions import IDENTIFY, feedforward_from_msg, trajectory_from_msg, trajectory_to_msg
+from pkm_nodes.messages.conversions import (
+    feedforward_from_msg,
+    is_identification,
+    trajectory_from_msg,
+    trajectory_to_msg,
+)
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, run
 
@@ -24,7 +29,7 @@ class InverseKinematicsNode(PkmNode):
         self.create_subscription(SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
 
     def _on_poses(self, message):
-        if message.learning_law == IDENTIFY:  # planned in joints: its joint_trajectory has come from its sender
+        if is_identification(message):  # planned in joints: its sender publishes the joint_trajectory
             return
         machine = self._machine
         try:

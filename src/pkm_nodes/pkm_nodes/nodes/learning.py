@@ -1,7 +1,7 @@
 """
-Node `learning`: the service learning/update; the error of one cycle in, the feedforward of the next one out.
+Node `learning`: the service learning/update; error of one cycle in, feedforward of the next cycle out.
 
-Beside it the service learning/save, which keeps the best of what passes here in a file.
+The service learning/save writes the best feedforward of the motion learned last to a file.
 """
 
 import sys
@@ -22,29 +22,30 @@ from pkm_core.learning.store import save
 from pkm_core.machines import load_machine
 from pkm_interfaces.msg import CycleEvent, SampledTrajectory
 from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
-from pkm_nodes.messages.conversions import IDENTIFY, trajectory_from_msg
+from pkm_nodes.messages.conversions import learns, trajectory_from_msg
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.gain_parameters import gains_from_msg
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, run
 
-# [s, wall] how long saving waits for joints that have not asked about the last cycle; one that went back does not ask
+# [s, wall] wait of learning/save for joints without a request for the last cycle; a joint that has restored an earlier
+# feedforward sends none
 PATIENCE = 3.0
-# the last few cycles may still be asked about when trajectories of later ones have come
+# requests for the last few cycles may come after trajectories of later ones
 _KEPT = 4
 
 
 class _Motion:
-    """A motion that is learned: its reference, its laws, and the best that has been learned of it."""
+    """A motion that is learned: its reference, its laws, and its best feedforward so far."""
 
     def __init__(self, machine, message, trajectory, law):
-        self.asked = {}  # last cycle by joint
+        self.asked = {}  # cycle of the last request by joint
         self.belongs_to = message.motion, message.learning_law, trajectory.position.tobytes()
         self.best = Best(machine, message.motion, message.learning_law, trajectory)
         self.law = cache(lambda *loop: law(message.learning_law, *loop).with_reference(trajectory))
 
 
 class LearningNode(PkmNode):
-    """Serves the laws of pkm_core; they keep nothing, the node keeps the reference of the last cycles."""
+    """Serves the laws of pkm_core. The laws have no state; the node keeps the references of the last cycles."""
 
     def __init__(self, **kwargs):
         super().__init__('learning', **kwargs)
@@ -56,27 +57,27 @@ class LearningNode(PkmNode):
         self._control = choose_control(machine, self._chosen)
         self._law = cache(self._make_law)
         self._motions = {}  # by cycle
-        self._learned = None  # the motion that was learned last
+        self._learned = None  # the `_Motion` learned last
         self._finished = 0  # the last cycle of the machine
-        self._caught_up = None  # Future: every joint has asked about that cycle, or has had its time
-        self._patience = self.create_timer(PATIENCE, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._caught_up = None  # Future: every joint has sent its request for that cycle, or PATIENCE is over
+        self._patience = self.create_timer(PATIENCE, self._end_wait, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._patience.cancel()
         subscribe_events(self, self._on_event)
         self.create_subscription(SampledTrajectory, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
         self.create_service(UpdateFeedforward, 'learning/update', self._on_update)
-        alone = MutuallyExclusiveCallbackGroup()  # in the group of all others it would keep out what it waits for
+        alone = MutuallyExclusiveCallbackGroup()  # in the common group it would block the requests it waits for
         self.create_service(SaveLearned, 'learning/save', self._on_save, callback_group=alone)
         self.offer('learning/reload', self._reload)
 
     def _make_law(self, name, *loop):
-        """Return the law `name`: for the control of the cell, or for a `loop` (joint, gains) that is another."""
+        """Return the law `name` for the control of the cell, or for one `loop` (joint, gains) with other gains."""
         law = make_law(name, self._machine, dict([loop]) if loop else self._control)
         self.get_logger().info(law.verdict)
         return law
 
     def _on_trajectory(self, message):
-        """Get the law ready, with its convergence test, before the cycle runs."""
-        if message.learning_law in ('none', IDENTIFY):
+        """Make the law, with its convergence test, before the cycle runs."""
+        if not learns(message):
             return
         machine = self._machine
         try:
@@ -85,7 +86,7 @@ class LearningNode(PkmNode):
             same = [known for known in self._motions.values() if known.belongs_to == motion.belongs_to]
             if not same:
                 motion.law()
-        except PkmError as error:  # the controllers refuse such a trajectory, the generator such a law
+        except PkmError as error:  # refused by the controllers (trajectory) or the trajectory_generator (law)
             self.get_logger().error(f'joint_trajectory of cycle {message.cycle}: {error}')
             return
         others = [(cycle, known) for cycle, known in self._motions.items() if cycle != message.cycle]
@@ -111,7 +112,7 @@ class LearningNode(PkmNode):
                 self._learned = motion
                 motion.asked[request.joint] = request.cycle
                 if self._caught_up and not self._is_behind():
-                    self._go_on()
+                    self._end_wait()
         except PkmError as refusal:
             response.message = str(refusal)
             self.get_logger().error(f'{request.joint}, {request.motion!r}: {refusal}')
@@ -121,25 +122,25 @@ class LearningNode(PkmNode):
         return response
 
     def _reload(self):
-        """Take up the models and the gains that the configuration has now; laws are made for them anew."""
+        """Load models and gains from the configuration again and drop all laws."""
         self._control = choose_control(self._machine, self._chosen)
         self._law = cache(self._make_law)
         self._motions.clear()
 
     def _gains(self, request):
-        """Return the gains of the loop a request comes from."""
+        """Return the gains of the loop that made the error of a request."""
         if request.joint not in self._control:
             raise LearningError(f'learning: joint {request.joint!r} is unknown; known: {list(self._control)}')
-        if request.gains.kp == 0.0:
+        if not request.has_gains:
             return self._control[request.joint]
         return gains_from_msg(request.gains, f'learning {request.joint}: gains')
 
     def _is_behind(self):
-        """Tell whether a joint has still to ask about the last cycle, if that was learned from."""
+        """Return whether the request of a joint for the last cycle is missing, if that cycle is learned."""
         motion = self._motions.get(self._finished)
         return bool(motion) and any(motion.asked.get(joint, 0) < self._finished for joint in self._machine.joints)
 
-    def _go_on(self):
+    def _end_wait(self):
         self._patience.cancel()
         if self._caught_up:
             caught_up, self._caught_up = self._caught_up, None

@@ -14,7 +14,7 @@ a cycle.
 import sys
 from time import monotonic
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.qos import qos_profile_sensor_data
@@ -41,6 +41,17 @@ from pkm_core.servo.tick_barrier import TickBarrier
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.messages.conversions import time_of_tick
+from pkm_nodes.messages.diagnostics import (
+    CYCLE,
+    FAULT,
+    FAULTED,
+    HELD,
+    RUNNING,
+    STANDING,
+    STATE,
+    TICK,
+    diagnostics,
+)
 from pkm_nodes.messages.tick_messages import MOTOR_COMMAND
 from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
@@ -55,6 +66,8 @@ LASER_EVERY = 20
 BRAKE_TICKS = 400
 
 unpack_command = MOTOR_COMMAND.unpack  # looked up once, not per command
+# value of the diagnostics key `state` by state of the run
+_STATES = {CycleState.RUNNING: RUNNING, CycleState.HELD: HELD, CycleState.FAULTED: FAULTED}
 
 
 class MachineNode(PkmNode):
@@ -216,22 +229,19 @@ class MachineNode(PkmNode):
         return response
 
     def _publish_diagnostics(self):
-        fault, tick = self._run.fault, self._barrier.tick
-        state = f'fault: {fault}' if fault else 'cycle running' if self._run.is_running else 'standing'
+        run, tick = self._run, self._barrier.tick
         stale = zip(self._joints, self._barrier.stale, strict=True)
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.ERROR if fault else DiagnosticStatus.OK,
-            name=self.get_fully_qualified_name(),
-            message=state,
-            values=[
-                KeyValue(key='tick', value=str(tick)),
-                KeyValue(key='cycle', value=str(self._run.cycle)),
-                *(KeyValue(key=f'stale commands {j}', value=str(count)) for j, count in stale),
-            ],
+        message = diagnostics(
+            self,
+            DiagnosticStatus.ERROR if run.fault else DiagnosticStatus.OK,
+            f'fault: {run.fault}' if run.fault else 'cycle running' if run.is_running else 'standing',
+            {
+                STATE: _STATES.get(run.state, STANDING),  # the phases of loading are those of the controllers
+                **{CYCLE: run.cycle, TICK: tick, FAULT: run.fault},
+                **{f'stale commands {joint}': count for joint, count in stale},
+            },
+            time_of_tick(tick, self._sample_time),
         )
-        stamp = time_of_tick(tick, self._sample_time)
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = stamp
         self._diagnostics.publish(message)
 
 

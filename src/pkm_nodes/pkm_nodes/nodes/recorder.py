@@ -10,7 +10,7 @@ NOT_RECORDED event.
 import sys
 from shutil import disk_usage
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from std_msgs.msg import UInt64
@@ -18,13 +18,15 @@ from std_msgs.msg import UInt64
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_core.recording.folder_lock import FolderLock
-from pkm_core.recording.provenance import config_hash, git_revision
+from pkm_core.recording.provenance import config_hash, git_revision, loop_hash
 from pkm_core.recording.recording import Recording
 from pkm_core.recording.topics import By, recorded_topics
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.messages.conversions import time_of_tick
+from pkm_nodes.messages.diagnostics import FAILURE, STATE, TICK, diagnostics
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.graph_parameters import GraphParameters
+from pkm_nodes.parts.loaded_config import CONFIG_HASH
 from pkm_nodes.ros2.shared import find_interface
 from pkm_nodes.runtime.lockstep import PatientGroup
 from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, listen_in, run
@@ -50,13 +52,14 @@ class RecorderNode(PkmNode):
     def __init__(self, neighbours=(), **kwargs):
         super().__init__('recorder', **kwargs)
         machine = self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
-        self._control = self.setting('control', 'robust', 'choice of the controllers, for the hash in the metadata')
+        control = self.setting('control', 'robust', 'choice of the controllers, for the hash in the metadata')
         folder = self.setting('folder', 'bags', 'folder that takes one bag a cycle')
         preroll = self.setting('preroll', 1.0, '[s] of simulated time that a snapshot reaches back')
         self.check_settings()
         if preroll > _LONGEST_PREROLL:
             raise ConfigError(f'recorder: preroll is {preroll} s; expected at most {_LONGEST_PREROLL:.0f} s')
         self._machine, model = machine, load_machine(machine)
+        self._loop_at_start = loop_hash(machine, control)
         self._sample_time = model.sample_time
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(model.joints)}
         self._parameters_of_cell = GraphParameters(self)
@@ -100,10 +103,12 @@ class RecorderNode(PkmNode):
 
     def _facts(self, motion, law):
         """Return what the metadata of a bag say beside the facts of its cycle."""
+        # a controller that is not of this project has no such parameter: then the files at the start of this node count
+        loops = self._parameters_of_cell.values_of(CONFIG_HASH) or [self._loop_at_start]
         return {
             'machine': self._machine,
             'git_revision': git_revision(),
-            'config_hash': config_hash(self._machine, motion, law, self._control),
+            'config_hash': config_hash(loops, motion, law),
             'parameters': self._parameters_of_cell.as_json(),
         }
 
@@ -149,18 +154,18 @@ class RecorderNode(PkmNode):
         if outcome.failure:
             self._failure = f'cycle {outcome.cycle}: {outcome.failure}'
             self.get_logger().error(f'not recorded: {self._failure}')
-            event, message = CycleEvent.NOT_RECORDED, outcome.failure
+            event, text = CycleEvent.NOT_RECORDED, {'message': outcome.failure}
         else:
             self._closed, self._failure = self._closed + 1, ''
             self._lost += sum(outcome.lost.values())
-            event, message = CycleEvent.RECORDED, str(outcome.path)
+            event, text = CycleEvent.RECORDED, {'bag': str(outcome.path)}
             if outcome.lost:
                 self.get_logger().error(
                     f'cycle {outcome.cycle}: messages missing in {outcome.path}: {outcome.lost}; '
                     f'first and last of the ticks missing: {outcome.lost_ticks}'
                 )
         if self.context.ok():  # otherwise stopped in the middle: the bag is whole, but there is nobody to tell
-            self._events.publish(event, outcome.cycle, tick=outcome.tick, samples=outcome.messages, message=message)
+            self._events.publish(event, outcome.cycle, tick=outcome.tick, samples=outcome.messages, **text)
 
     def _publish_diagnostics(self):
         recording = self._recording
@@ -169,15 +174,14 @@ class RecorderNode(PkmNode):
             free = f'{disk_usage(self._lock.path).free / 1e6:.0f}'
         except OSError as error:
             free = error.strerror
-        values = {'bags': self._closed, 'lost messages': self._lost, 'tick': recording.progress, 'free [MB]': free}
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.ERROR if self._failure else DiagnosticStatus.OK,
-            name=self.get_fully_qualified_name(),
-            message=f'not recorded: {self._failure}' if self._failure else state,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        counts = {'bags': self._closed, 'lost messages': self._lost, TICK: recording.progress, 'free [MB]': free}
+        message = diagnostics(
+            self,
+            DiagnosticStatus.ERROR if self._failure else DiagnosticStatus.OK,
+            f'not recorded: {self._failure}' if self._failure else state,
+            {STATE: state, FAILURE: self._failure, **counts},
+            time_of_tick(max(0, recording.progress), self._sample_time),
         )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = time_of_tick(max(0, recording.progress), self._sample_time)
         self._diagnostics.publish(message)
 
     def destroy_node(self):

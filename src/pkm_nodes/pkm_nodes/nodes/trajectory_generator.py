@@ -32,7 +32,7 @@ from pkm_core.servo.goal_cycle import End, GoalCycle, Send, StopCycle, WatchMach
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, Excitation
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
-from pkm_nodes.messages.conversions import IDENTIFY, trajectory_from_msg, trajectory_to_msg
+from pkm_nodes.messages.conversions import trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.presence import Presence
 from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, run
@@ -176,7 +176,7 @@ class TrajectoryGeneratorNode(PkmNode):
             raise TrajectoryError(f'goal: excitation of {excited}; expected one of each of {list(machine.joints)}')
         joints = trajectory_from_msg(experiment, coordinates=machine.joints, sample_time=machine.sample_time)
         checked_joints(machine, joints)
-        named = {'cycle': 0, 'motion': experiment.motion, 'learning_law': IDENTIFY}
+        named = {'cycle': 0, 'motion': experiment.motion, 'kind': SampledTrajectoryMessage.IDENTIFICATION}
         messages = [
             *((self._excitation, excitation) for excitation in request.excitation),
             (self._poses, trajectory_to_msg(in_poses(machine, joints), **named)),

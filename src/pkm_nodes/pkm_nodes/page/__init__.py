@@ -1,1 +1,1 @@
-"""What the live page shows (cell.py, trace.py) and how (page.py and the rest, on viser); ROS stays in dashboard.py."""
+"""The live page: its data (cell.py, trace.py) and its drawing on viser (page.py and the other files); no ROS calls."""

@@ -1,4 +1,4 @@
-"""What a client knows of a running cell, from what the cell says; plain data, no ROS calls and no drawing."""
+"""State of a running cell as its messages describe it; plain data, no ROS calls and no drawing."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -11,7 +11,7 @@ from pkm_core.machines.description import joint_positions
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.page.trace import Trace, read_trace
 
-# [cycles] how many the page remembers
+# [cycles] number of cycles kept
 _MEMORY = 500
 
 
@@ -21,7 +21,7 @@ def home_pose(machine):
 
 
 class Status(StrEnum):
-    """What the machine does."""
+    """State of the machine on the page."""
 
     AWAY = 'no cell'
     STANDING = 'standing'
@@ -31,7 +31,7 @@ class Status(StrEnum):
 
 @dataclass
 class Notice:
-    """The cell's answer to a button."""
+    """Answer of the cell to a button."""
 
     text: str = ''
     good: bool = True
@@ -48,7 +48,7 @@ class NodeLine:
 
 @dataclass(eq=False)
 class Cell:
-    """The state of the cell around `machine`; errors and traces are those of the motion and law that run now."""
+    """State of the cell around `machine`; errors and traces belong to the current motion and law."""
 
     machine: object = None
     namespace: str = '/pkm'
@@ -62,11 +62,11 @@ class Cell:
     law: str = ''
     path: np.ndarray | None = None  # (N, 3) planned positions of the tool [m]
     errors: dict = field(default_factory=dict)  # {cycle: {joint: largest dynamic error [m]}}
-    best_cycle: int = 0  # whose worst axis was best; 0 if none is known
-    measured: int = 0  # changes with `errors`
+    best_cycle: int = 0  # the one with the smallest error of its worst axis; 0 if none is known
+    measured: int = 0  # counter, changes with `errors`
     latest: Trace | None = None
     best: Trace | None = None
-    no_trace: str = ''  # why the latest one is not to be had
+    no_trace: str = ''  # why there is no latest trace
     nodes: list = field(default_factory=list)
     notice: Notice = field(default_factory=Notice)
     _reference: bytes = b''
@@ -76,16 +76,16 @@ class Cell:
             self._stand_at_home()
 
     def leave(self):
-        """Note that the cell is gone; its last picture stays."""
+        """Note that the cell has left the graph; its last picture stays."""
         self.status, self.reason, self.ticks_per_second = Status.AWAY, '', 0.0
 
     def begin_anew(self):
-        """Note that the machine was started anew: its cycles count from 1 and nothing is learned."""
+        """Note that the machine was restarted: its cycles count from 1 and nothing is learned."""
         self.cycle = 0
         self._forget(before=inf)
 
     def load(self, cycle, motion, law, poses):
-        """Take over the pose trajectory (N, m) of `cycle`; another motion or law is learned anew."""
+        """Take the pose trajectory (N, m) of `cycle`; with another motion or law, errors and traces are dropped."""
         reference = poses.tobytes()
         if (motion, law, reference) == (self.motion, self.law, self._reference):
             return
@@ -97,7 +97,7 @@ class Cell:
                 self.path[:, 'xyz'.index(name)] = column
 
     def hear(self, event):
-        """Take over a CycleEvent."""
+        """Take a CycleEvent."""
         if event.event == CycleEvent.STARTED:
             self.cycle, self.status, self.reason = event.cycle, Status.RUNNING, ''
         elif event.event == CycleEvent.FINISHED:
@@ -112,10 +112,10 @@ class Cell:
         elif event.event == CycleEvent.NOT_RECORDED:
             self.no_trace = f'cycle {event.cycle} is not recorded: {event.message}'
         elif event.event == CycleEvent.RECORDED:
-            self._read(event.cycle, event.message)
+            self._read(event.cycle, event.bag)
 
     def measure(self, metrics):
-        """Take over the CycleMetrics of one joint."""
+        """Take the CycleMetrics of one joint."""
         self.measured += 1
         self.errors.setdefault(metrics.cycle, {})[metrics.joint] = metrics.max_dynamic_error
         if self.worst(metrics.cycle) < (self.worst(self.best_cycle) if self.best_cycle else inf):
@@ -125,7 +125,7 @@ class Cell:
             del self.errors[min(self.errors.keys() - {self.best_cycle})]
 
     def worst(self, cycle):
-        """Return the error of the worst axis of `cycle` [m], nan while not all axes are known."""
+        """Return the error of the worst axis of `cycle` [m], nan while metrics of a joint are missing."""
         errors = self.errors.get(cycle, {})
         return max(errors.values()) if len(errors) == len(self.machine.joints) else nan
 
@@ -139,7 +139,7 @@ class Cell:
         self._keep_best()
 
     def _keep_best(self):
-        """Keep the trace of the best cycle; metrics and bag of a cycle come in any order."""
+        """Keep the trace of the best cycle; metrics and bag of a cycle arrive in any order."""
         if self.latest is not None and self.latest.cycle == self.best_cycle:
             self.best = self.latest
 
@@ -148,7 +148,7 @@ class Cell:
         self.pose = home_pose(self.machine)
 
     def _forget(self, before):
-        """Forget all cycles before `before`; of later ones something may have come already."""
+        """Forget all cycles before `before`; messages of later ones may have arrived already."""
         self.measured += 1
         self.errors = {cycle: errors for cycle, errors in self.errors.items() if cycle >= before}
         known = [(self.worst(cycle), cycle) for cycle in self.errors if isfinite(self.worst(cycle))]

@@ -1,12 +1,12 @@
-"""The curves of the page: error of the latest and of the best cycle, convergence, motor currents."""
+"""Charts of the page: error of the latest and of the best cycle, convergence, motor currents."""
 
 from itertools import cycle
 
 import numpy as np
 
 _COLOURS = ('#1f77b4', '#ff7f0e', '#2ca02c', '#d62728')
-_HEIGHT = 160  # [px] four charts and their titles are as high as a window of 920 px
-# more points than a chart has pixels are not to be seen
+_HEIGHT = 160  # [px] four charts with titles fill a window of 920 px
+# points per curve; more than a chart has pixels are invisible
 _POINTS = 700
 
 
@@ -33,7 +33,7 @@ class Charts:
         self._shown = {}
 
     def show(self, cell):
-        """Draw what has changed."""
+        """Update the charts whose data have changed."""
         for chart, words, name, values in self._by_trace:
             trace = getattr(cell, name)
             if self._is_new(words, trace):

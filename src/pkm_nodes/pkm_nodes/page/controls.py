@@ -1,4 +1,4 @@
-"""The buttons: run a motion, visit a pose, stop, reset. Each puts a wish into a queue; dashboard.py fulfils it."""
+"""Buttons: run a motion, visit a pose, stop, reset. Each puts a wish into a queue; dashboard.py executes it."""
 
 from math import radians
 
@@ -10,13 +10,13 @@ _FAVOURITE_LAW = 'fourier_pid'
 
 
 def motions_of(machine):
-    """Return the names of the motions of config/motions that are for `machine`."""
+    """Return the names of the motions in config/motions that are for `machine`."""
     names = []
     for name in machine.configuration.names('motions'):
         try:
             if read_yaml(machine.configuration.find('motions', name)).get('machine') == machine.name:
                 names.append(name)
-        except PkmError:  # a file that somebody is writing; the cell says what is wrong with it when it is run
+        except PkmError:  # a file that is being written; the cell reports its error when it is run
             names.append(name)
     return names
 
@@ -25,7 +25,7 @@ class Controls:
     """Buttons and fields in the current container of a viser GUI."""
 
     def __init__(self, gui, machine, wish, on_aim):
-        """Call `wish(name, *arguments)` for a button, `on_aim(offsets)` when the pose to visit is moved."""
+        """Call `wish(name, *arguments)` with every button, `on_aim(offsets)` with every change of the pose to visit."""
         self._machine = machine
         motions, laws = motions_of(machine), ['none', *law_names()]
         with gui.add_folder('Run a motion'):
@@ -50,7 +50,7 @@ class Controls:
         }
 
     def _add_slider(self, gui, name):
-        """Return a slider that reaches beyond the workspace: what cannot be reached, the cell refuses with a reason."""
+        """Return a slider that extends beyond the workspace: the cell refuses poses out of reach."""
         span = 30.0 if name == 'phi' else 1e3 * float((self._machine.limits.upper - self._machine.limits.lower).max())
         unit = 'deg' if name == 'phi' else 'mm'
         return gui.add_slider(f'{name} [{unit}]', min=-span, max=span, step=0.1, initial_value=0.0)

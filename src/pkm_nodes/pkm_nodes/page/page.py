@@ -1,4 +1,4 @@
-"""The page in the browser: a viser server with the machine in the middle, buttons left and curves right."""
+"""The page in the browser: a viser server with buttons on the left, the machine in the centre, charts on the right."""
 
 import os
 import socket
@@ -15,36 +15,38 @@ from pkm_nodes.page.controls import Controls
 from pkm_nodes.page.panels import nodes_html, notice_html, status_html
 from pkm_nodes.page.scene import Scene
 
-# [px] together they leave the machine 490 px of a window of 1200
+# [px] width of the panels; 490 px of a window of 1200 px are left for the machine
 _LEFT, _RIGHT = 315, 395
 
 
 class Page:
     """
-    Serves the page until `close`; buttons may be pressed in any browser, and everybody sees the same.
+    Serves the page until `close`; all browsers show the same state, and each may press buttons.
 
     Parameters
     ----------
     host, port
-        Where to listen.
+        Address and port of the server.
 
     Raises
     ------
     PkmError
-        If that cannot be had.
+        If the port is not free.
 
     """
 
     def __init__(self, host, port):
         _check_free(host, port)
-        self._wishes = SimpleQueue()  # viser calls back in threads of its own; ROS is served in one
+        self._wishes = SimpleQueue()  # filled in threads of viser; ROS is served in another one
         self._machine = None
         self._parts = ()
         self._texts = {}
-        with redirect_stdout(StringIO()):  # the address is announced by whoever starts the page
+        with redirect_stdout(StringIO()):  # the caller prints the address
             self._server = viser.ViserServer(host=host, port=port, verbose=False)
         self._server.scene.set_up_direction('+z')
-        self._server.gui.configure_theme(show_logo=False, show_share_button=False)  # sharing is a tunnel to outside
+        self._server.gui.configure_theme(
+            show_logo=False, show_share_button=False
+        )  # sharing opens a tunnel to the internet
         self._build(None)
 
     def wishes(self):
@@ -57,7 +59,7 @@ class Page:
                 return found
 
     def show(self, cell):
-        """Bring the page up to date with `cell`."""
+        """Update the page from `cell`."""
         if cell.machine is not self._machine:
             self._build(cell.machine)
         with self._server.atomic():
@@ -74,11 +76,11 @@ class Page:
         return f'http://{self._server.get_host()}:{self._server.get_port()}'
 
     def close(self):
-        """End the server; browsers keep the last picture and come back to the next server on this port."""
+        """End the server; browsers keep the last picture and reconnect to the next server on this port."""
         self._server.stop()
 
     def _build(self, machine):
-        """Make the page anew for `machine`, None while there is no cell."""
+        """Build the page for `machine`, None without a cell."""
         self._machine = machine
         gui, scene = self._server.gui, self._server.scene
         gui.reset()
@@ -102,7 +104,7 @@ class Page:
 
 
 def _check_free(host, port):
-    """Refuse a port that is taken; viser would quietly take the next one."""
+    """Refuse a port in use; viser would take the next one without a message."""
     try:
         socket.create_server((host, port), family=socket.AF_INET6 if ':' in host else socket.AF_INET).close()
     except (OSError, OverflowError) as error:

@@ -1,4 +1,4 @@
-"""The words of the page as HTML: what the cell does, where its tool is, and every node with its state."""
+"""Texts of the page as HTML: state of the cell, position of its tool, and the table of nodes."""
 
 from html import escape
 from math import degrees, isfinite
@@ -11,7 +11,7 @@ _BOX = 'font-size:12px;line-height:1.35;padding:2px 12px'
 
 
 def status_html(cell):
-    """Return what the cell does, in a coloured line, with the figures below it."""
+    """Return the state of the cell as a coloured line, and its figures as a table."""
     what = cell.status.value
     if cell.status == Status.AWAY:
         what = f'waiting for a cell in {cell.namespace}'
@@ -29,7 +29,7 @@ def status_html(cell):
 
 
 def notice_html(cell):
-    """Return the cell's answer to the last button."""
+    """Return the answer of the cell to the last button."""
     colour = _GREEN if cell.notice.good else _RED
     text = escape(cell.notice.text) or '&nbsp;'
     return f'<div data-notice style="{_BOX};color:{colour};overflow-wrap:anywhere">{text}</div>'

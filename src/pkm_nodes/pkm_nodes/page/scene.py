@@ -1,11 +1,11 @@
-"""The machine in three dimensions: the tree of `pkm_core.machines.description`, shifted and turned at its joints."""
+"""The machine in three dimensions: the links of `pkm_core.machines.description` at their joint positions."""
 
 import numpy as np
 
 from pkm_core.machines.description import ROOT, base_boxes, joint_positions, links, local_frame
 from pkm_nodes.page.cell import home_pose
 
-# [m] from the middle of the machine to the eye
+# [m] from the centre of the machine to the camera
 _EYE = np.array([-0.335, -0.40, 0.29])
 _FIELD_OF_VIEW = np.radians(44.0)
 _RED = (214, 39, 40)
@@ -36,7 +36,7 @@ class Scene:
         scene.add_icosphere('/target/tip', radius=3e-3, color=_RED, opacity=0.4)
 
     def show(self, cell):
-        """Move the machine to where `cell` says it is, and draw the path of its tool."""
+        """Move the machine to the positions of `cell` and draw the path of its tool."""
         if cell.positions != self._positions:
             self._positions = cell.positions
             for link, frame in self._moving:
@@ -47,7 +47,7 @@ class Scene:
             self._draw_path(cell.path)
 
     def aim(self, offsets):
-        """Show where the pose at `offsets` from home is; hide it if that is home."""
+        """Show the pose at `offsets` from home; hide it at home."""
         pose = {name: self._home[name] + offset for name, offset in offsets.items()}
         half = 0.5 * pose.get('phi', 0.0)
         self._target.position = (pose['x'], pose['y'], pose.get('z', 0.0))

@@ -1,4 +1,4 @@
-"""The last thing a cycle left: error and current of every axis, read from its bag."""
+"""Error and voltage of every axis over one cycle, read from its bag."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from pkm_core.bag.reader import bag_files
 from pkm_core.errors import BagError
 
-# A serialized MotorCommand: CDR header, then the fields of the message, each aligned to its size. Read as one array,
-# because a page that parsed message by message (0.15 s a cycle) would take that time from the cell.
+# A serialized MotorCommand: CDR header, then the fields of the message, each aligned to its size. Read as one array:
+# parsing message by message takes 0.15 s per cycle, and that from the processor of the cell.
 _COMMAND = np.dtype(
     {
         'names': ['tick', 'voltage', 'error'],
@@ -24,7 +24,7 @@ _COMMAND = np.dtype(
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One cycle; a row is a tick, a column a joint."""
+    """One cycle; one row per tick, one column per joint."""
 
     cycle: int
     error: np.ndarray  # (N, n) [m]
@@ -32,7 +32,7 @@ class Trace:
 
 
 def read_trace(path, cycle, joints, namespace):
-    """Return the `Trace` of `cycle` in the bag folder `path`; `BagError` if it is not to be had."""
+    """Return the `Trace` of `cycle` in the bag folder `path`; `BagError` if it cannot be read."""
     if not Path(path).exists():
         raise BagError(f'{path}: no such bag on this computer')
     taken = {f'{namespace}/{joint}/command': [] for joint in joints}
@@ -46,6 +46,6 @@ def read_trace(path, cycle, joints, namespace):
         raise BagError(f'{path}: cannot be read as a bag of this cell: {error}') from None
     length = min(map(len, columns))
     if length == 0 or any(not np.array_equal(each['tick'][:length], columns[0]['tick'][:length]) for each in columns):
-        raise BagError(f'{path}: holds no tick that every joint of {list(joints)} has answered')
+        raise BagError(f'{path}: has no tick with a command of every joint of {list(joints)}')
     error, voltage = (np.stack([each[name][:length] for each in columns], axis=1) for name in ('error', 'voltage'))
     return Trace(cycle, error, voltage)

@@ -1,1 +1,1 @@
-"""Parts that several nodes share."""
+"""Parts of nodes: each belongs to one subject and is owned by a node."""

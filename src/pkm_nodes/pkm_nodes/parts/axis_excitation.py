@@ -1,25 +1,22 @@
-"""What a joint controller does in cycles of identification beside its law: wait for the excitation, add it, watch."""
+"""Excitation of one joint in cycles of identification: receive it, add it to the voltage, observe the bounds."""
 
 import numpy as np
 
 from pkm_core.identification.excited_axis import ExcitedAxis
 from pkm_interfaces.msg import Excitation
-from pkm_nodes.messages.conversions import IDENTIFY
+from pkm_nodes.messages.conversions import is_identification
 from pkm_nodes.runtime.node import CYCLE_QOS
 
 
 class AxisExcitation:
     """
-    Listens to the topic `excitation` for one joint.
+    Subscribes to the topic `excitation` for one joint.
 
     Parameters
     ----------
     node : PkmNode
-        Of the controller.
     machine : Machine
-        Whose joint it is.
     joint : str
-        Its name.
 
     """
 
@@ -33,12 +30,12 @@ class AxisExcitation:
             self._message = message
 
     def is_missing(self, trajectory):
-        """Tell whether the cycle of a joint_trajectory message has to wait for its excitation."""
-        return trajectory.learning_law == IDENTIFY and self._message.cycle != trajectory.cycle
+        """Return whether the cycle of a joint_trajectory message has to wait for its excitation."""
+        return is_identification(trajectory) and self._message.cycle != trajectory.cycle
 
     def begin(self, trajectory, model, gains, position, velocity, acceleration):
-        """Return the `ExcitedAxis` of a cycle of identification, None of any other; arguments and errors as there."""
-        if trajectory.learning_law != IDENTIFY:
+        """Return the `ExcitedAxis` of a cycle of identification, else None; arguments and errors as there."""
+        if not is_identification(trajectory):
             return None
         volts = np.array(self._message.voltage)
         return ExcitedAxis(self._machine, self._joint, model, gains, position, velocity, acceleration, volts)

@@ -1,4 +1,4 @@
-"""What a controller does for one joint to learn: its feedforward, the watch over it, and the calls to `learning`."""
+"""Learning of one joint in its controller: the feedforward, its monitor, and the requests to the learning service."""
 
 from array import array
 
@@ -11,7 +11,7 @@ from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import UpdateFeedforward
 from pkm_nodes.parts.gain_parameters import gains_to_msg
 
-# [s, wall] how long a cycle waits for the learning service before it goes on with the feedforward it has
+# [s, wall] wait for the learning service; after it the previous feedforward is kept
 LEARNING_TIMEOUT = 5.0
 
 
@@ -28,14 +28,14 @@ class AxisLearning:
     events : CycleEvents
         Of the joint.
     on_end : callable
-        Called when learning has come to an end, one way or the other.
+        Called without arguments when an answer has been taken or refused.
 
     Attributes
     ----------
     feedforward : ndarray, shape (N,)
-        [V] learned, for the cycle to come.
+        [V] learned, for the next cycle.
     notice : str
-        What the watch has noticed last of the motion that is learned, '' if nothing.
+        Last observation of the monitor on the motion being learned, '' without one.
 
     """
 
@@ -45,23 +45,23 @@ class AxisLearning:
         self._logger = node.get_logger()
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self._cycle = 0  # that was learned from last
-        self._call = None  # under way
-        self._asked_by = None  # the monitor at that time
+        self._cycle = 0  # the last one that was learned from
+        self._call = None  # Future of the running request
+        self._asked_by = None  # monitor at the time of that request
         self._until = 0
         self._learned_for = None  # (motion, law, reference) the feedforward belongs to
         self.renew()
 
     def renew(self):
-        """Watch and learn anew from the feedforward there is: the loop is not what it was."""
+        """Restart monitor and iteration count with the current feedforward, because the loop has changed."""
         self._monitor, self._iteration = Monitor(self._joint), 0
 
     def begin(self, message, reference, given):
         """
-        Prepare for the cycle of a joint_trajectory.
+        Prepare for the cycle of a joint_trajectory message.
 
-        What has been learned for the same motion, law and `reference` (N,) [m] is kept, unless a feedforward is `given`
-        (N,) [V]; everything else begins with zeros.
+        The feedforward is kept if motion, law and `reference` (N,) [m] are those of the previous cycle and no
+        feedforward is `given` (N,) [V]. Otherwise it is `given`, or zero.
         """
         learned_for = (message.motion, message.learning_law, reference.tobytes())
         if learned_for != self._learned_for or given is not None:
@@ -71,21 +71,21 @@ class AxisLearning:
             self.renew()
 
     def is_under_way(self):
-        """Tell whether the service has still to answer; who has waited too long goes on without."""
+        """Return whether an answer is due; after `LEARNING_TIMEOUT` the previous feedforward is kept."""
         if self._call is not None and self._wall.now().nanoseconds > self._until:
             self._call = None
-            self._go_on_without(f'no answer from {self._service.srv_name} for {LEARNING_TIMEOUT} s')
+            self._keep(f'no answer from {self._service.srv_name} for {LEARNING_TIMEOUT} s')
         return self._call is not None
 
     def learn(self, message, error, gains):
-        """Judge the cycle of a joint_trajectory, driven with `error` (N,) [m], and ask for the next feedforward."""
+        """Pass `error` (N,) [m] of the cycle of a joint_trajectory to the monitor and request the next feedforward."""
         decision = self._monitor.observe(error, self.feedforward)
         self.feedforward = decision.feedforward
-        # the monitor counts cycles since learning began; an update that failed is none
+        # the monitor counts cycles since learning started; a failed update does not count
         self._iteration = min(self._iteration, decision.iteration)
         self._cycle = message.cycle
         if decision.message:
-            self._tell(decision.message)
+            self._publish_notice(decision.message)
         if not decision.learn:
             return
         request = UpdateFeedforward.Request(
@@ -95,6 +95,7 @@ class AxisLearning:
             cycle=message.cycle,
             iteration=self._iteration,
             sample_time=self._sample_time,
+            has_gains=True,
             gains=gains_to_msg(gains),
             error=array('d', error.tobytes()),
             feedforward=array('d', self.feedforward.tobytes()),
@@ -114,16 +115,16 @@ class AxisLearning:
         if response.success and (len(feedforward) != samples or not np.isfinite(feedforward).all()):
             refusal = f'learning answered {feedforward} ({len(feedforward)} values); expected {samples} finite ones'
         if refusal:
-            self._go_on_without(refusal)
+            self._keep(refusal)
         else:
             self.feedforward = feedforward
-            self._iteration += self._asked_by is self._monitor  # not if learning has begun anew meanwhile
+            self._iteration += self._asked_by is self._monitor  # not if learning was restarted meanwhile
         self._on_end()
 
-    def _go_on_without(self, reason):
-        self._tell(f'{self._joint}: {reason}; going on with the feedforward there is')
+    def _keep(self, reason):
+        self._publish_notice(f'{self._joint}: {reason}; the previous feedforward is kept')
 
-    def _tell(self, notice):
+    def _publish_notice(self, notice):
         self.notice = notice
         self._logger.warning(notice)
         self._events.publish(CycleEvent.NOTICE, self._cycle, message=notice)

@@ -1,10 +1,11 @@
-"""What every controller of the cell does between ticks: load a cycle, say so, and account for it afterwards."""
+"""The cycles of a controller between ticks: load the trajectory, report it, publish the metrics afterwards."""
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from time import monotonic
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
@@ -12,161 +13,159 @@ from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.metrics import axis_metrics
-from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand, SampledTrajectory
+from pkm_core.motion.trajectory import SampledTrajectory
+from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerState
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
+from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from_msg
-from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
-from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode
+from pkm_nodes.messages.diagnostics import CYCLE, NOTICE, STATE, diagnostics
+from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.runtime.node import CYCLE_QOS
 
-# [s, wall] how long a cycle waits for readers of the commands that are known but not connected, a recorder coming up
+# [s, wall] wait for readers of the commands that are known but not connected, such as a recorder that starts up
 DISCOVERY = 2.0
+# [s, wall] period of the attempts to load a waiting cycle
+_RETRY = 0.05
+# text of the diagnostics, for people
+_TEXTS = {
+    ControllerState.STANDING: 'standing',
+    ControllerState.WAITING: 'cycle waiting',
+    ControllerState.LOADED: 'cycle loaded',
+    ControllerState.RUNNING: 'cycle running',
+}
 
 
-class ControllerNode(PkmNode, ABC):
+def choose_gains(node, kind):
     """
-    A controller of one or more joints; the law is that of a subclass.
+    Declare the parameters `machine` and `control` of `node`.
 
-    A cycle is reported as LOADED when its trajectory is in place, and what has been learned. While a cycle runs nothing
-    but its end, a safe stop, a STOP event or a reset of the machine changes what is loaded.
+    Parameters
+    ----------
+    node : PkmNode
+        A controller under construction.
+    kind : str
+        Kind of control that the node runs, see `kind_of`.
+
+    Returns
+    -------
+    machine : Machine
+    chosen : str
+        Value of `control`.
+    control : dict
+        Gains by joint.
+
+    Raises
+    ------
+    ConfigError
+        If `control` is of another kind.
+
+    """
+    machine = load_machine(node.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+    chosen = node.setting('control', kind, f"'{kind}' for the machine's own, a file of config, or a YAML file")
+    control = choose_control(machine, chosen)
+    if kind_of(control) != kind:
+        raise ConfigError(f'{node.get_name()}: control {chosen!r} is for {kind_of(control)}; this node is for {kind}')
+    return machine, chosen, control
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedCycle:
+    """A cycle with its trajectory in joints."""
+
+    message: SampledTrajectoryMessage  # joint_trajectory
+    trajectory: SampledTrajectory
+    feedforward: np.ndarray | None  # (N, joints of the machine) [V] that the cycle brings along
+    errors: np.ndarray  # (N, joints of the controller) [m], written on the tick path
+
+
+def _nothing(*_):
+    """Do nothing."""
+
+
+@dataclass(frozen=True)
+class CycleLaw:
+    """
+    The law of a controller, as functions that `CycleController` calls between ticks.
+
+    Attributes
+    ----------
+    load : callable
+        `load(LoadedCycle)`; `PkmError` if the law cannot drive it.
+    reset : callable
+        `reset()`: forget the state of the law. The machine stands, at home or after a safe stop.
+    check : callable
+        `check(message)`; `PkmError` if the law cannot drive the cycle of this joint_trajectory.
+    is_busy : callable
+        `is_busy(message)`: whether the cycle of this joint_trajectory has to wait.
+    learn : callable
+        `learn(LoadedCycle)` after the last tick.
+    notice : callable
+        `notice()`: warning for the diagnostics, '' if there is none.
+
     """
 
-    def __init__(self, name, kind, **kwargs):
-        super().__init__(name, **kwargs)
-        self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
-        chosen = self.setting('control', kind, f"'{kind}' for the machine's own, a file of config, or a YAML file")
-        self._control = choose_control(self._machine, chosen)
-        if kind_of(self._control) != kind:
-            raise ConfigError(f'{name}: control {chosen!r} is for {kind_of(self._control)}; this node is for {kind}')
+    load: Callable
+    reset: Callable
+    check: Callable = _nothing
+    is_busy: Callable = field(default=lambda _: False)
+    learn: Callable = _nothing
+    notice: Callable = field(default=lambda: '')
 
-    def _serve(self, joints):
-        """Take part in the cycles of the cell with `joints`; to be called once, at the end of construction."""
-        self._joints = joints
-        self._message = self._trajectory = None  # of the cycle that is loaded
-        self._waiting = None  # message, trajectory and feedforward of the one to be loaded
-        self._patient_until = 0.0
-        self._loaded = self._running = False
-        self._errors = np.zeros((0, len(joints)))
-        self._events = {joint: CycleEvents(self, joint) for joint in joints}
-        publishers = [self.tick_publisher(MotorCommand, f'{joint}/command') for joint in joints]
-        self._commands, self._senders = zip(*publishers, strict=True)
-        self._metrics = [self.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in joints]
-        subscribe_events(self, self._on_event)  # first: a reset must not come after the trajectory that follows it
-        self.create_subscription(SampledTrajectory, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
+
+class CycleController:
+    """
+    The cycles of one or more joints; a node owns it and answers the ticks.
+
+    A cycle is reported as LOADED when trajectory and learned feedforward are in place. While it runs, only its end, a
+    safe stop, a STOP event or a reset of the machine changes what is loaded.
+
+    Parameters
+    ----------
+    node : PkmNode
+    machine : Machine
+    events : dict of str to CycleEvents
+        By joint of this controller, in the order of the columns of `LoadedCycle.errors`.
+    law : CycleLaw
+
+    Attributes
+    ----------
+    cycle : ControllerCycle
+        For the tick path: `active` and `running`.
+    senders : tuple of callable
+        One per joint; publishes the bytes of a MotorCommand.
+
+    """
+
+    def __init__(self, node, machine, events, law):
+        self._node, self._machine, self._events, self._law = node, machine, events, law
+        self.cycle = ControllerCycle(DISCOVERY)
+        self._loaded = None  # LoadedCycle, the last one
+        publishers = [node.tick_publisher(MotorCommand, f'{joint}/command') for joint in events]
+        self._commands, self.senders = zip(*publishers, strict=True)
+        self._metrics = [node.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in events]
+        subscribe_events(node, self._on_event)  # first: a reset must be served before the trajectory that follows it
+        node.create_subscription(SampledTrajectoryMessage, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self._retry = self.create_timer(0.05, self._load_if_possible, clock=wall)
+        self._retry = node.create_timer(_RETRY, self.load_if_possible, clock=wall)
         self._retry.cancel()
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_timer(1.0, self._publish_diagnostics, clock=wall)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        node.create_timer(1.0, self._publish_diagnostics, clock=wall)
 
-    @abstractmethod
-    def _load(self, trajectory, feedforward):
-        """
-        Load the cycle of `self._message`: its `SampledTrajectory`, and what it begins with, (N, joints) [V] or None.
+    def drop(self):
+        """Drop the loaded cycle; the law starts the next one as after power-up."""
+        self.cycle.end()
+        self._law.reset()
 
-        Raises `PkmError` if that cannot be driven.
-        """
-
-    @abstractmethod
-    def _reset(self):
-        """Forget the state of the law; the machine stands, at home or after a safe stop."""
-
-    def _check(self, message):
-        """Raise `PkmError` if the law cannot drive the cycle of this joint_trajectory."""
-
-    def _is_busy(self, message):
-        """Tell whether the cycle of this joint_trajectory has to wait for something here."""
-        return False
-
-    def _learn(self):
-        """Learn from the cycle that has ended."""
-
-    def _warning(self):
-        """Return what people should know of this controller, '' if nothing."""
-        return ''
-
-    def _on_event(self, event):
-        stopped = event.event == CycleEvent.STOP and self._running and event.cycle == self._message.cycle
-        if stopped or event.event == CycleEvent.RESET:
-            self._drop()
-
-    def _drop(self):
-        """Drop the cycle that is loaded; the trajectory of the next one begins as after power-up."""
-        self._loaded = self._running = False
-        self._reset()
-
-    def _on_trajectory(self, message):
-        """Take over the trajectory of the coming cycle, unless it is the one already loaded."""
-        if self._loaded and message.cycle == self._message.cycle:
-            self._report_loaded()
-            return
-        machine = self._machine
-        try:
-            if self._running:
-                raise PkmError(
-                    f'trajectory of cycle {message.cycle}: cycle {self._message.cycle} is running; wait for its end, '
-                    f'or call machine/reset if it has none'
-                )
-            trajectory = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
-            feedforward = feedforward_from_msg(message, trajectory.position.shape)
-            self._check(message)
-        except PkmError as error:
-            self._refuse(message.cycle, error)
-            return
-        if self._waiting is None or self._waiting[0].cycle != message.cycle:
-            self._patient_until = monotonic() + DISCOVERY
-        self._waiting = message, trajectory, feedforward
-        self._loaded = False
-        self._retry.reset()
-        self._load_if_possible()
-
-    def _refuse(self, cycle, error):
-        self.get_logger().error(f'joint_trajectory refused: {error}')
-        for events in self._events.values():
-            events.publish(CycleEvent.REFUSED, cycle, message=str(error))
-
-    def _load_if_possible(self):
-        """Load the waiting trajectory once nothing is in the way and the machine listens."""
-        if self._waiting is None or self._is_busy(self._waiting[0]) or not all(map(self._is_heard, self._commands)):
-            return
-        self._retry.cancel()
-        (self._message, self._trajectory, feedforward), self._waiting = self._waiting, None
-        self._errors = np.zeros((len(self._trajectory), len(self._joints)))
-        try:
-            self._load(self._trajectory, feedforward)
-        except PkmError as error:
-            self._refuse(self._message.cycle, error)
-            return
-        self._loaded = True
-        self._report_loaded()
-
-    def _is_heard(self, publisher):
-        """Tell whether all readers that the graph knows of are connected, or one after they have had their time."""
-        known = self.count_subscribers(publisher.topic_name) if monotonic() < self._patient_until else 1
-        return publisher.get_subscription_count() >= max(1, known)
-
-    def _report_loaded(self):
-        for events in self._events.values():
-            events.publish(CycleEvent.LOADED, self._message.cycle, samples=len(self._trajectory))
-
-    def _publish_diagnostics(self):
-        warning = self._warning()
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
-            name=self.get_fully_qualified_name(),
-            message=warning or ('cycle running' if self._running else 'cycle loaded' if self._loaded else 'standing'),
-            values=[KeyValue(key='cycle', value=str(self._message.cycle if self._message else 0))],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
-
-    def _finish_cycle(self):
-        self._loaded = self._running = False
-        moves = self._trajectory.move_starts, self._trajectory.move_ends
-        for joint, error, publisher in zip(self._joints, self._errors.T, self._metrics, strict=True):
+    def finish(self):
+        """End the running cycle after its last tick: publish the metrics, then learn."""
+        self.cycle.end()
+        loaded = self._loaded
+        moves = loaded.trajectory.move_starts, loaded.trajectory.move_ends
+        for joint, error, publisher in zip(self._events, loaded.errors.T, self._metrics, strict=True):
             metrics = axis_metrics(error, *moves, self._machine.sample_time)
             publisher.publish(
                 CycleMetrics(
-                    cycle=self._message.cycle,
+                    cycle=loaded.message.cycle,
                     joint=joint,
                     max_dynamic_error=metrics.max_dynamic_error,
                     settling_time_5um=metrics.settling_time_5um,
@@ -174,4 +173,68 @@ class ControllerNode(PkmNode, ABC):
                     steady_state_error=metrics.steady_state_error,
                 )
             )
-        self._learn()
+        self._law.learn(loaded)
+
+    def load_if_possible(self):
+        """Load the waiting cycle if the law is free and the readers of the commands are connected."""
+        waiting = self.cycle.waiting
+        if waiting is None or self._law.is_busy(waiting.message) or not all(map(self._is_connected, self._commands)):
+            return
+        self._retry.cancel()
+        self._loaded = self.cycle.begin()
+        try:
+            self._law.load(self._loaded)
+        except PkmError as error:
+            self._refuse(self.cycle.last, error)
+            return
+        self.cycle.loaded()
+        self._report_loaded()
+
+    def _on_event(self, event):
+        stopped = event.event == CycleEvent.STOP and self.cycle.is_stopped_by(event.cycle)
+        if stopped or event.event == CycleEvent.RESET:
+            self.drop()
+
+    def _on_trajectory(self, message):
+        """Take the trajectory of the next cycle; report the loaded one again if it is that."""
+        action = self.cycle.on_trajectory(message.cycle)
+        if action is Action.REPORT:
+            self._report_loaded()
+            return
+        machine = self._machine
+        try:
+            if action is Action.REFUSE:
+                raise PkmError(
+                    f'trajectory of cycle {message.cycle}: cycle {self.cycle.active} is running; wait for its end, '
+                    f'or call machine/reset if it has none'
+                )
+            trajectory = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
+            feedforward = feedforward_from_msg(message, trajectory.position.shape)
+            self._law.check(message)
+        except PkmError as error:
+            self._refuse(message.cycle, error)
+            return
+        errors = np.zeros((len(trajectory), len(self._events)))
+        self.cycle.wait_for(message.cycle, LoadedCycle(message, trajectory, feedforward, errors), monotonic())
+        self._retry.reset()
+        self.load_if_possible()
+
+    def _refuse(self, cycle, error):
+        self._node.get_logger().error(f'joint_trajectory refused: {error}')
+        for events in self._events.values():
+            events.publish(CycleEvent.REFUSED, cycle, message=str(error))
+
+    def _is_connected(self, publisher):
+        known = self._node.count_subscribers(publisher.topic_name)
+        return self.cycle.is_connected(known, publisher.get_subscription_count(), monotonic())
+
+    def _report_loaded(self):
+        for events in self._events.values():
+            events.publish(CycleEvent.LOADED, self.cycle.active, samples=len(self._loaded.trajectory))
+
+    def _publish_diagnostics(self):
+        notice, state = self._law.notice(), self.cycle.state
+        level = DiagnosticStatus.WARN if notice else DiagnosticStatus.OK
+        values = {STATE: state, CYCLE: self.cycle.last, NOTICE: notice}
+        stamp = self._node.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostics(self._node, level, notice or _TEXTS[state], values, stamp))

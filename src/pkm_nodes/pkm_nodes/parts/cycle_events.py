@@ -1,4 +1,4 @@
-"""The story of a motion cycle as messages on /pkm/cycle_events."""
+"""Events of a motion cycle as messages on /pkm/cycle_events."""
 
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.runtime.node import CYCLE_QOS
@@ -14,11 +14,10 @@ class CycleEvents:
         self._publisher = node.create_publisher(CycleEvent, 'cycle_events', CYCLE_QOS)
         self._source = source
 
-    def publish(self, event, cycle, *, tick=0, samples=0, message=''):
+    def publish(self, event, cycle, *, tick=0, samples=0, message='', bag=''):
         """Publish `event` (a constant of CycleEvent) of `cycle`."""
-        self._publisher.publish(
-            CycleEvent(event=event, source=self._source, cycle=cycle, tick=tick, samples=samples, message=message)
-        )
+        named = {'tick': tick, 'samples': samples, 'message': message, 'bag': bag}
+        self._publisher.publish(CycleEvent(event=event, source=self._source, cycle=cycle, **named))
 
 
 def subscribe_events(node, callback):

@@ -1,4 +1,4 @@
-"""The gains of a robust controller as messages and as the parameters of a node that may be changed while it runs."""
+"""Gains of a robust controller as messages, and as parameters of a node that may change while it runs."""
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
@@ -8,7 +8,7 @@ from pkm_core.control.robust import RobustGains
 from pkm_core.errors import PkmError
 from pkm_interfaces.msg import RobustGains as RobustGainsMessage
 
-GAINS = {  # name of the parameter: what it is
+GAINS = {  # description by parameter
     'kp': '[V/m] proportional gain',
     'ki': '[V/(m s)] integral gain',
     'kd': '[V s/m] derivative gain',
@@ -34,7 +34,7 @@ def flat(gains):
 
 
 def gains_of(values, where):
-    """Return the `RobustGains` of {name of `GAINS`: value}; `ConfigError`, beginning with `where`, if they are none."""
+    """Return the `RobustGains` of {name of `GAINS`: value}; `ConfigError` beginning with `where` if one is invalid."""
     nested = {}
     for name, value in values.items():
         group, _, inner = name.rpartition('.')
@@ -48,24 +48,24 @@ def gains_to_msg(gains):
 
 
 def gains_from_msg(message, where):
-    """Return the `RobustGains` in a message; `ConfigError`, beginning with `where`, if they are none."""
+    """Return the `RobustGains` of a message; `ConfigError` beginning with `where` if one is invalid."""
     return gains_of({name: getattr(message, name.replace('.', '_')) for name in GAINS}, where)
 
 
 class GainParameters:
     """
-    Declares the gains as parameters of `node` and keeps watch over their changes.
+    Declares the gains as parameters of `node` and applies their changes.
 
-    A change is refused before it is applied, with the reason of the `PkmError`, if the values are no gains or
-    `check(gains)` raises one. What is set at once (`set_parameters_atomically`) is judged at once.
+    A change is refused, with the reason of the `PkmError`, if a value is invalid or `check(gains)` raises one. All
+    values of one `set_parameters_atomically` are checked and applied together.
 
     Parameters
     ----------
     node : PkmNode
     gains : RobustGains
-        What they are without overrides.
+        Values without parameter overrides.
     check, apply : callable
-        Called with the new gains: before, and when nothing is against them.
+        Called with the new gains before and after they are set.
 
     """
 
@@ -79,7 +79,7 @@ class GainParameters:
         node.add_post_set_parameters_callback(self._after_set)
 
     def take(self, gains):
-        """Set all parameters to `gains` at once; `PkmError` if they are refused."""
+        """Set all parameters to `gains` together; `PkmError` if they are refused."""
         parameters = [Parameter(name, value=value) for name, value in flat(gains).items()]
         result = self._node.set_parameters_atomically(parameters)
         if not result.successful:

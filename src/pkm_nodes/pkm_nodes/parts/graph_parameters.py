@@ -1,4 +1,4 @@
-"""The parameters of every node in the namespace of a cell: asked for once in the life of each, then followed."""
+"""Parameters of every node in the namespace of a cell: requested once per process life, then followed by events."""
 
 import json
 from time import monotonic
@@ -9,21 +9,21 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 
 _EVENTS = '/parameter_events'
-# [s, wall] how long a node may take to answer before nobody waits for it; what it says later still counts
+# [s, wall] time for a node to answer before `is_complete` ignores it; a later answer still counts
 _PATIENCE = 5.0
 
 
 class GraphParameters:
-    """Collects for `node` the parameters of its neighbours; call `look_around` now and then."""
+    """Collects for `node` the parameters of the other nodes in its namespace; call `look_around` periodically."""
 
     def __init__(self, node):
         self._node = node
-        self._asked = {}  # _Question by the id of the node's publisher of _EVENTS, which no other life of it has
-        # a discovery server names the publishers of a topic only to those who listen to it
+        self._asked = {}  # _Question by the id of the node's publisher of _EVENTS, which changes with a restart
+        # a discovery server announces the publishers of a topic only to its subscribers
         node.create_subscription(ParameterEvent, _EVENTS, self._on_change, qos_profile_parameter_events)
 
     def look_around(self):
-        """Ask the nodes that have come up, and forget those that have gone."""
+        """Ask new nodes, and drop those that have left the graph."""
         node = self._node
         there = {
             bytes(info.endpoint_gid): info.node_name
@@ -37,7 +37,7 @@ class GraphParameters:
                 continue
             if life not in self._asked:
                 self._asked[life] = _Question(node, name)
-            self._asked[life].go_on()
+            self._asked[life].proceed()
 
     def _on_change(self, event):
         for question in self._asked.values():
@@ -45,18 +45,23 @@ class GraphParameters:
                 question.change(event)
 
     def is_complete(self):
-        """Tell whether every node there is has answered, or has had its time; False before the first look."""
+        """Return whether every node has answered or its time is over; False before the first `look_around`."""
         return bool(self._asked) and all(question.is_over for question in self._asked.values())
 
+    def values_of(self, parameter):
+        """Return the values of `parameter` of all nodes that have answered and have it."""
+        answers = [question.values for question in self._asked.values() if question.values is not None]
+        return [values[parameter] for values in answers if parameter in values]
+
     def as_json(self):
-        """Return {node: {parameter: value}} as JSON text; null for a node that has not answered."""
+        """Return {node: {parameter: value}} as JSON text; null for a node without an answer."""
         own = {name: parameter.value for name, parameter in self._node.get_parameters_by_prefix('').items()}
         found = {question.name: question.values for question in self._asked.values()}
         return json.dumps({self._node.get_name(): own, **found}, sort_keys=True, default=list)
 
 
 class _Question:
-    """One node is asked for the names, then for the values of its parameters; what it changes afterwards is noted."""
+    """Requests the names, then the values of one node's parameters; later changes are added."""
 
     def __init__(self, node, name):
         self.name, self.full_name = name, f'{node.get_namespace().rstrip("/")}/{name}'
@@ -70,11 +75,11 @@ class _Question:
 
     @property
     def is_over(self):
-        """Whether the node has answered, or has had its time."""
+        """Whether the node has answered or its time is over."""
         return self.values is not None or monotonic() > self._deadline
 
-    def go_on(self):
-        """Ask as soon as the node can hear; give back what that took once it has answered."""
+    def proceed(self):
+        """Send the request as soon as the services are ready; release the clients after the answer."""
         if self.values is not None:
             self.release()
         elif self._asked is None and self._list.service_is_ready() and self._get.service_is_ready():
@@ -89,18 +94,18 @@ class _Question:
 
     def _on_values(self, names, future):
         values = map(parameter_value_to_python, future.result().values)
-        # what has changed meanwhile is as new as the answer, or newer
+        # a change received meanwhile is as new as the answer, or newer
         self.values = dict(zip(names, values, strict=True)) | self._changes
 
     def change(self, event):
-        """Note what the node says it has changed."""
+        """Take a ParameterEvent of the node."""
         changed = [*event.new_parameters, *event.changed_parameters]
         self._changes |= {parameter.name: parameter_value_to_python(parameter.value) for parameter in changed}
         if self.values is not None:
             self.values |= self._changes
 
     def release(self):
-        """Give back what it took to ask."""
+        """Destroy the clients."""
         for client in (self._list, self._get):
             if client is not None:
                 self._node.destroy_client(client)

@@ -1,12 +1,13 @@
-"""Notices that a process one waits for is gone: also one that was killed, and that another has come in its place."""
+"""Detects that the publishers of a topic have left the graph, killed or replaced ones included."""
 
 
 class Presence:
     """
-    Whether whoever publishes `topic` when this is made, or is found first, still does.
+    Whether the publishers of `topic` that were seen first are still in the graph.
 
-    DDS takes a process that was killed out of the graph when its lease ends, 20 s after its last sign of life. The
-    threads of DDS give those signs, however long a tick or a callback may take: who is slow is not taken for gone.
+    They are the publishers at construction, or the first ones found later. DDS removes a killed process when its lease
+    ends, 20 s after its last sign of life. Threads of DDS send these signs however long a callback takes: a slow
+    process is not taken for a dead one.
     """
 
     def __init__(self, node, topic):
@@ -14,7 +15,7 @@ class Presence:
         self._first = self._publishers()
 
     def has_ended(self):
-        """Tell whether none of those publishers is there any more."""
+        """Return whether none of the publishers seen first is left."""
         now = self._publishers()
         self._first = self._first or now
         return bool(self._first) and not self._first & now

@@ -41,13 +41,21 @@ LAST_VALUE_QOS = QoSProfile(
 
 
 class PkmNode(Node):
-    """A node in /pkm (remap __ns to move it) that refuses parameters it does not know."""
+    """
+    A node in /pkm (remap __ns to move it) that refuses unknown parameters.
 
-    # `-p name:=value` on a command line reaches every node of its process, also those that do not declare `name`
-    _known_in_process = {'use_sim_time', 'start_type_description_service'}
+    Parameters
+    ----------
+    name : str
+    known_elsewhere : collection of str
+        Parameters that another node of the process declares: `-p name:=value` of a command line reaches every node of
+        the process.
 
-    def __init__(self, name, **kwargs):
+    """
+
+    def __init__(self, name, *, known_elsewhere=(), **kwargs):
         super().__init__(name, **{'namespace': 'pkm', **kwargs})
+        self._known_elsewhere = frozenset(known_elsewhere)
         self.hot_group = HotGroup()
 
     def setting(self, name, default, description):
@@ -69,17 +77,23 @@ class PkmNode(Node):
         return self._declare(name, default, description, read_only=False)
 
     def _declare(self, name, default, description, *, read_only):
-        self._known_in_process.add(name)
         descriptor = ParameterDescriptor(description=description, read_only=read_only)
         return self.declare_parameter(name, default, descriptor).value
 
     def check_settings(self):
-        """Refuse parameters that were given but never declared; rclpy passes over a misspelt name without a word."""
+        """Refuse parameters that were given and not declared: `ConfigError`. rclpy ignores a misspelt name."""
+        known = self.declared()
         given = set(self._parameter_overrides)  # rclpy has no public way to ask what was given
-        unknown = sorted(name for name in given - self._known_in_process if not name.startswith('qos_overrides.'))
+        unknown = given - known - self._known_elsewhere
+        unknown = sorted(name for name in unknown if not name.startswith('qos_overrides.'))
         if unknown:
-            known = sorted(self._parameters)
-            raise ConfigError(f'{self.get_fully_qualified_name()} has unknown parameter(s) {unknown}; known: {known}')
+            raise ConfigError(
+                f'{self.get_fully_qualified_name()} has unknown parameter(s) {unknown}; known: {sorted(known)}'
+            )
+
+    def declared(self):
+        """Return the names of all parameters that the node has declared so far."""
+        return frozenset(self.get_parameters_by_prefix(''))
 
     def offer(self, name, do):
         """

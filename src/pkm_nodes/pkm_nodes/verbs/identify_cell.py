@@ -98,10 +98,11 @@ def _identify(console, machine, request, seed, environment, arrangement, out):
 def goal_of(request):
     """Return a `Request` as a goal of the action."""
     from pkm_interfaces.action import Identify
+    from pkm_nodes.messages.conversions import experiments_to_msg
 
     return Identify.Goal(
         joints=list(request.joints),
-        kind=request.kind,
+        kind=experiments_to_msg(request.kind),
         positions=request.positions,
         band=list(request.band),
         voltage=request.voltage,

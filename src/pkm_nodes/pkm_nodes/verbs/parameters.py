@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from pkm_nodes.parts.loaded_config import CONFIG_HASH
+
 HEAD = """# Parameters
 
 Written by `pkm parameters --out docs/parameters.md`, from what the nodes declare and the models of the files; a test
@@ -15,7 +17,8 @@ has its unit (`70 mm`); bounds are in the unit named. In keys, `{a, b}` stands f
 your own or of a joint, `[]` for every entry of a list.
 
 """
-_OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+# of ROS, and one that a node sets itself
+_NOT_SETTABLE = ('use_sim_time', 'start_type_description_service', 'qos_overrides.', CONFIG_HASH)
 
 
 def parameters(
@@ -55,7 +58,7 @@ def parameter_page():
                     node.describe_parameter(parameter.name).description,
                 )
                 for parameter in node.get_parameters(node.list_parameters([], 0).names)
-                if not parameter.name.startswith(_OF_ROS)
+                if not parameter.name.startswith(_NOT_SETTABLE)
             ]
             sections.append(f'### {name}\n\n' + table(['parameter', 'type', 'default', ''], rows))
             for each in (node, *getattr(node, 'parts', ())):

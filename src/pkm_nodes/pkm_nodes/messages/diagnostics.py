@@ -1,0 +1,47 @@
+"""
+Diagnostics of the nodes: values by documented key, and one line for people.
+
+A program reads the keys, never the message. docs/interfaces.md lists keys and values.
+"""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+STATE = 'state'  # machine, controllers, recorder: one word
+CYCLE = 'cycle'  # machine, controllers: number of the last started or loaded cycle
+TICK = 'tick'  # machine: next tick; recorder: last tick of all topics
+FAULT = 'fault'  # machine: reason of the safe stop, '' without one
+NOTICE = 'notice'  # controllers: last observation of the learning monitor, '' without one
+FAILURE = 'failure'  # recorder: why the last cycle was not recorded, '' if it was
+
+# values of STATE of the machine
+STANDING, RUNNING, HELD, FAULTED = 'standing', 'running', 'held', 'faulted'
+
+
+def diagnostics(node, level, message, values, stamp):
+    """
+    Return the DiagnosticArray of one node.
+
+    Parameters
+    ----------
+    node : PkmNode
+        Named in the status.
+    level : bytes
+        OK, WARN or ERROR of DiagnosticStatus.
+    message : str
+        For people.
+    values : dict
+        By key; written with `str`.
+    stamp : builtin_interfaces.msg.Time
+        Simulated time.
+
+    """
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    status = DiagnosticStatus(level=level, name=node.get_fully_qualified_name(), message=message, values=pairs)
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = stamp
+    return array
+
+
+def values_of(status):
+    """Return {key: value} of a DiagnosticStatus, all str."""
+    return {pair.key: pair.value for pair in status.values}
