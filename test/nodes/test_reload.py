@@ -28,7 +28,7 @@ def config(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def machine(config):
+def configured(config):
     """Return the machine with that configuration."""
     return load_machine('four_dof')
 
@@ -41,16 +41,16 @@ def scale(file, key, factor):
     file.write_text(changed)
 
 
-def test_controller_takes_up_model_and_gains_of_now(graph, machine, config, joint_trajectory):
+def test_controller_takes_up_model_and_gains_of_now(graph, configured, config, joint_trajectory):
     node = graph.start(JointControllerNode, joint='d3')
     scale(config / 'model' / 'four_dof.yaml', 'gain', 0.9)
     scale(config / 'control' / 'four_dof.yaml', 'kp', 1.02)
     answer = graph.call(Trigger, 'd3/reload')
     assert answer.success, answer.message
-    gains, model = load_control(machine)['d3'], load_model(machine)['d3']
+    gains, model = load_control(configured)['d3'], load_model(configured)['d3']
     assert node.get_parameter('kp').value == gains.kp
 
-    law = RobustController(gains, model, machine.sample_time, machine.voltage_limit)
+    law = RobustController(gains, model, configured.sample_time, configured.voltage_limit)
     message = joint_trajectory(1)
     rows = [np.array(getattr(message, name)).reshape(-1, 4)[:, COLUMN]
             for name in ('position', 'velocity', 'acceleration', 'jerk')]  # fmt: skip
