@@ -10,9 +10,9 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from pkm_core.bag.reader import read_metadata
-from pkm_core.config import config_folder
+from pkm_core.config import Configuration
 from pkm_core.machines import load_machine
-from pkm_core.recording.provenance import config_hash, loop_hash
+from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
 from pkm_interfaces.msg import CycleEvent, PlatformPose
 from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
 from pkm_nodes.nodes.joint_controller import JointControllerNode
@@ -27,7 +27,7 @@ MACHINE = 'xy_stage'
 @pytest.fixture
 def config(tmp_path, monkeypatch):
     """Return a copy of the configuration that the nodes of the test read."""
-    folder = shutil.copytree(config_folder(), tmp_path / 'config')
+    folder = shutil.copytree(Configuration.of_environment().folder, tmp_path / 'config')
     monkeypatch.setenv('PKM_CONFIG', str(folder))
     return folder
 
@@ -50,6 +50,10 @@ def scale_kp(config, factor):
     file.write_text(re.sub(r'(kp: )([\d.]+)', lambda found: f'{found[1]}{factor * float(found[2])}', file.read_text()))
 
 
+def loop_of_files():
+    return loop_hash(load_machine(MACHINE), 'robust', machine_hash(MACHINE))
+
+
 def test_bag_has_the_hash_of_the_files_that_are_loaded(graph, cell, config, goals):
     """Cases: no change; edited but not reloaded; one of two controllers reloaded; both reloaded."""
     machine = load_machine(MACHINE)
@@ -61,7 +65,7 @@ def test_bag_has_the_hash_of_the_files_that_are_loaded(graph, cell, config, goal
         return read_metadata(graph.next_event(CycleEvent.RECORDED).bag)['custom_data']['config_hash']
 
     def hash_of_files():
-        return config_hash([loop_hash(MACHINE)], 'poses', 'none')
+        return config_hash([loop_of_files()], 'poses', 'none')
 
     first = hash_of_files()
     assert hash_of_next_bag() == first
@@ -78,10 +82,20 @@ def test_bag_has_the_hash_of_the_files_that_are_loaded(graph, cell, config, goal
 def test_refused_reload_keeps_the_hash(graph, config):
     node = graph.start(JointControllerNode, machine=MACHINE, joint='x')
     before = node.get_parameter('config_hash').value
-    assert before == loop_hash(MACHINE)
+    assert before == loop_of_files()
     scale_kp(config, 30.0)
     assert not graph.call(Trigger, 'x/reload').success
-    assert node.get_parameter('config_hash').value == before != loop_hash(MACHINE)
+    assert node.get_parameter('config_hash').value == before != loop_of_files()
+
+
+def test_reload_keeps_the_machine_of_the_start(graph, config):
+    """A reload loads model and gains only."""
+    node = graph.start(JointControllerNode, machine=MACHINE, joint='x')
+    before = node.get_parameter('config_hash').value
+    file = config / 'machines' / f'{MACHINE}.yaml'
+    file.write_text(file.read_text() + '# edited\n')
+    assert graph.call(Trigger, 'x/reload').success
+    assert node.get_parameter('config_hash').value == before != loop_of_files()
 
 
 def test_config_hash_is_set_by_the_node_only(graph):

@@ -24,9 +24,10 @@ from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.bag.message_types import typestore
 from pkm_core.bag.reader import read_metadata
 from pkm_core.errors import BagError, ConfigError
+from pkm_core.machines import load_machine
 from pkm_core.machines.laser_clock import sample_numbers
 from pkm_core.recording import recording
-from pkm_core.recording.provenance import config_hash, git_revision, loop_hash
+from pkm_core.recording.provenance import config_hash, git_revision, loop_hash, machine_hash
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, LaserSample, MotorCommand, SampledTrajectory
 from pkm_nodes.messages.conversions import time_of_tick, trajectory_to_msg
@@ -416,7 +417,8 @@ def test_bag_says_who_ran_with_which_parameters(graph, cell, tmp_path):
     assert parameters['learning']['machine'] == 'planar'
     assert parameters['recorder']['folder'] == str(tmp_path / 'bags')
     assert data['git_revision'] == git_revision()
-    assert data['config_hash'] == config_hash([loop_hash('four_dof')], '', 'none'), 'no file of a motion "short"'
+    loop = loop_hash(load_machine('four_dof'), 'robust', machine_hash('four_dof'))
+    assert data['config_hash'] == config_hash([loop], '', 'none'), 'no file of a motion "short"'
 
 
 def test_recorder_is_ready_only_when_somebody_leads_the_joints(graph, cell, tmp_path):

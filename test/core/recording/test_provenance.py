@@ -4,40 +4,50 @@ import shutil
 
 import pytest
 
-from pkm_core.config import config_folder
-from pkm_core.recording.provenance import config_hash, loop_hash
+from pkm_core.config import Configuration
+from pkm_core.machines import load_machine
+from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
 
 MOTION = 'four_dof_70ms'
 
 
 @pytest.fixture
-def config(tmp_path, monkeypatch):
-    """Return a copy of the configuration that is in use."""
-    folder = shutil.copytree(config_folder(), tmp_path / 'config')
-    monkeypatch.setenv('PKM_CONFIG', str(folder))
-    return folder
+def config(tmp_path):
+    """Return a copy of the configuration."""
+    return Configuration(shutil.copytree(Configuration.of_environment().folder, tmp_path / 'config'))
 
 
 def edit(file):
     file.write_text(file.read_text() + '# edited\n')
 
 
-@pytest.mark.parametrize('kind', ['machines', 'model', 'control'])
-def test_loop_hash_follows_every_file_of_the_loop(config, kind):
-    before = loop_hash('four_dof')
-    assert loop_hash('four_dof') == before
-    edit(config / kind / 'planar.yaml')
-    assert loop_hash('four_dof') == before
-    edit(config / kind / 'four_dof.yaml')
-    assert loop_hash('four_dof') != before
+@pytest.mark.parametrize('kind', ['model', 'control'])
+def test_loop_hash_follows_model_gains_and_machine(config, kind):
+    machine = load_machine('four_dof', config)
+    before = loop_hash(machine, 'robust', '0a')
+    assert loop_hash(machine, 'robust', '0a') == before
+    edit(config.find(kind, 'planar'))
+    edit(config.find('machines', 'four_dof'))
+    assert loop_hash(machine, 'robust', '0a') == before
+    assert loop_hash(machine, 'robust', '0b') != before
+    edit(config.find(kind, 'four_dof'))
+    assert loop_hash(machine, 'robust', '0a') != before
+
+
+def test_machine_hash_follows_the_file_of_the_machine(config):
+    before = machine_hash('four_dof', config)
+    edit(config.find('machines', 'planar'))
+    assert machine_hash('four_dof', config) == before
+    edit(config.find('machines', 'four_dof'))
+    assert machine_hash('four_dof', config) != before
 
 
 @pytest.mark.parametrize(('kind', 'name'), [('motions', MOTION), ('learning', 'fourier')])
 def test_config_hash_follows_motion_and_law(config, kind, name):
-    before = config_hash(['0a'], MOTION, 'fourier')
-    assert config_hash(['0a'], MOTION, 'fourier') == before
-    edit(config / kind / f'{name}.yaml')
-    assert config_hash(['0a'], MOTION, 'fourier') != before
+    before = config_hash(['0a'], MOTION, 'fourier', config)
+    assert config_hash(['0a'], MOTION, 'fourier', config) == before
+    edit(config.find(kind, name))
+    assert config_hash(['0a'], MOTION, 'fourier', config) != before
 
 
 def test_config_hash_counts_equal_loops_once_in_any_order():

@@ -9,7 +9,6 @@ from pathlib import Path
 from pkm_core.config import find_config, hash_files
 from pkm_core.control.controllers import find_control
 from pkm_core.errors import ConfigError
-from pkm_core.machines import load_machine
 
 
 @cache
@@ -24,19 +23,27 @@ def git_revision():
     return done.stdout.strip()
 
 
-def loop_hash(machine, control='robust'):
+def machine_hash(name, configuration=None):
+    """Return the hash of the file of the machine `name`, 12 hex digits; computed when a node loads the machine."""
+    return hash_files([find_config('machines', name, configuration)])
+
+
+def loop_hash(machine, control, of_machine):
     """
-    Return the hash of the files of `machine`, its model and its gains as they are now on the disk.
+    Return the hash of what a control loop is made of: the machine, and the files of model and gains as they are now.
 
     A controller computes it when it starts and with every reload it accepts. The value then describes what it has
-    loaded; a later edit of a file changes nothing until the next reload.
+    loaded: a later edit of a file changes nothing until the next reload, and an edit of the machine's file nothing at
+    all, because a reload does not load the machine.
 
     Parameters
     ----------
-    machine : str
-        Name or file.
+    machine : Machine
+        With the configuration of its model and gains.
     control : str
         Choice of the gains, see `find_control`.
+    of_machine : str
+        `machine_hash` when the machine was loaded.
 
     Returns
     -------
@@ -44,12 +51,11 @@ def loop_hash(machine, control='robust'):
         12 hex digits.
 
     """
-    loaded = load_machine(machine)
-    find = loaded.configuration.find
-    return hash_files([find('machines', machine), find('model', loaded.name), find_control(loaded, control)[1]])
+    files = hash_files([find_config('model', machine.name, machine.configuration), find_control(machine, control)[1]])
+    return _combined(of_machine, files)
 
 
-def config_hash(loops, motion, law):
+def config_hash(loops, motion, law, configuration=None):
     """
     Return the hash of the configuration that a cycle rests on.
 
@@ -61,6 +67,8 @@ def config_hash(loops, motion, law):
     motion, law : str
         Names or files. Their files are hashed as they are now: the trajectory_generator reads them for every goal. A
         name without a file is left out: law 'none', poses of a goal, experiments of an identification.
+    configuration : Configuration, optional
+        Where names are found; the environment's by default.
 
     Returns
     -------
@@ -71,7 +79,9 @@ def config_hash(loops, motion, law):
     files = []
     for kind, name in (('motions', motion), ('learning', law)):
         with suppress(ConfigError):
-            files.append(find_config(kind, name))
-    digest = hashlib.sha256(''.join(sorted(set(loops))).encode())
-    digest.update(hash_files(files).encode())
-    return digest.hexdigest()[:12]
+            files.append(find_config(kind, name, configuration))
+    return _combined(*sorted(set(loops)), hash_files(files))
+
+
+def _combined(*digests):
+    return hashlib.sha256(' '.join(digests).encode()).hexdigest()[:12]

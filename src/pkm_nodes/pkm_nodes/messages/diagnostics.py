@@ -13,9 +13,6 @@ FAULT = 'fault'  # machine: reason of the safe stop, '' without one
 NOTICE = 'notice'  # controllers: last observation of the learning monitor, '' without one
 FAILURE = 'failure'  # recorder: why the last cycle was not recorded, '' if it was
 
-# values of STATE of the machine
-STANDING, RUNNING, HELD, FAULTED = 'standing', 'running', 'held', 'faulted'
-
 
 def diagnostics(node, level, message, values, stamp):
     """

@@ -11,7 +11,6 @@ import numpy as np
 
 from pkm_core.control.controllers import make_controller
 from pkm_core.errors import PkmError
-from pkm_core.recording.provenance import loop_hash
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.messages.conversions import is_identification
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
@@ -28,7 +27,7 @@ class ComputedTorqueControllerNode(PkmNode):
         super().__init__('computed_torque_controller', **kwargs)
         machine, chosen, control = choose_gains(self, 'computed_torque')
         self.check_settings()
-        self._config = LoadedConfig(self, loop_hash(self.get_parameter('machine').value, chosen))
+        self._config = LoadedConfig(self, machine, chosen)
         joints = machine.joints
         self._controller = make_controller(machine, control)
         self._tick = -1

@@ -17,7 +17,6 @@ from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.identification import IdentificationError
-from pkm_core.recording.provenance import loop_hash
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.messages.conversions import learns
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
@@ -48,7 +47,7 @@ class JointControllerNode(PkmNode):
         }
         self._gains = GainParameters(self, self._control[joint], self._check_gains, self._exchange)
         self.check_settings()
-        self._config = LoadedConfig(self, self._loop_hash())
+        self._config = LoadedConfig(self, machine, self._chosen)
         self._controller = RobustController(self._gains.gains, self._model, machine.sample_time, machine.voltage_limit)
         self._feedforward = np.zeros(0)
         self._errors = np.zeros(0)  # [m] of the loaded cycle, one per sample
@@ -69,9 +68,6 @@ class JointControllerNode(PkmNode):
         self.offer(f'{joint}/reload', self._reload)
         self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, raw=True)
 
-    def _loop_hash(self):
-        return loop_hash(self.get_parameter('machine').value, self._chosen)
-
     def _check_gains(self, gains):
         require_margins(self.get_fully_qualified_name(), gains, self._model, self._machine.sample_time, **self._least)
 
@@ -85,7 +81,7 @@ class JointControllerNode(PkmNode):
         try:
             if self._cycle.running:
                 raise PkmError(f'{joint}: cycle {self._cycle.active} is running; reload when it has ended')
-            loaded = self._loop_hash()
+            loaded = self._config.now()
             self._model = load_model(self._machine)[joint]
             control = choose_control(self._machine, self._chosen)
             if self._gains.gains == control[joint]:  # the model may have changed

@@ -41,17 +41,7 @@ from pkm_core.servo.tick_barrier import TickBarrier
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.messages.conversions import time_of_tick
-from pkm_nodes.messages.diagnostics import (
-    CYCLE,
-    FAULT,
-    FAULTED,
-    HELD,
-    RUNNING,
-    STANDING,
-    STATE,
-    TICK,
-    diagnostics,
-)
+from pkm_nodes.messages.diagnostics import CYCLE, FAULT, STATE, TICK, diagnostics
 from pkm_nodes.messages.tick_messages import MOTOR_COMMAND
 from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
@@ -66,8 +56,6 @@ LASER_EVERY = 20
 BRAKE_TICKS = 400
 
 unpack_command = MOTOR_COMMAND.unpack  # looked up once, not per command
-# value of the diagnostics key `state` by state of the run
-_STATES = {CycleState.RUNNING: RUNNING, CycleState.HELD: HELD, CycleState.FAULTED: FAULTED}
 
 
 class MachineNode(PkmNode):
@@ -229,15 +217,17 @@ class MachineNode(PkmNode):
         return response
 
     def _publish_diagnostics(self):
-        run, tick = self._run, self._barrier.tick
+        fault, tick = self._run.fault, self._barrier.tick
         stale = zip(self._joints, self._barrier.stale, strict=True)
         message = diagnostics(
             self,
-            DiagnosticStatus.ERROR if run.fault else DiagnosticStatus.OK,
-            f'fault: {run.fault}' if run.fault else 'cycle running' if run.is_running else 'standing',
+            DiagnosticStatus.ERROR if fault else DiagnosticStatus.OK,
+            f'fault: {fault}' if fault else 'cycle running' if self._run.is_running else 'standing',
             {
-                STATE: _STATES.get(run.state, STANDING),  # the phases of loading are those of the controllers
-                **{CYCLE: run.cycle, TICK: tick, FAULT: run.fault},
+                STATE: self._run.state.value,
+                CYCLE: self._run.cycle,
+                TICK: tick,
+                FAULT: fault,
                 **{f'stale commands {joint}': count for joint, count in stale},
             },
             time_of_tick(tick, self._sample_time),

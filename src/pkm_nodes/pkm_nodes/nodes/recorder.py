@@ -18,7 +18,7 @@ from std_msgs.msg import UInt64
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_core.recording.folder_lock import FolderLock
-from pkm_core.recording.provenance import config_hash, git_revision, loop_hash
+from pkm_core.recording.provenance import config_hash, git_revision, loop_hash, machine_hash
 from pkm_core.recording.recording import Recording
 from pkm_core.recording.topics import By, recorded_topics
 from pkm_interfaces.msg import CycleEvent
@@ -59,7 +59,8 @@ class RecorderNode(PkmNode):
         if preroll > _LONGEST_PREROLL:
             raise ConfigError(f'recorder: preroll is {preroll} s; expected at most {_LONGEST_PREROLL:.0f} s')
         self._machine, model = machine, load_machine(machine)
-        self._loop_at_start = loop_hash(machine, control)
+        self._configuration = model.configuration
+        self._loop_at_start = loop_hash(model, control, machine_hash(machine, model.configuration))
         self._sample_time = model.sample_time
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(model.joints)}
         self._parameters_of_cell = GraphParameters(self)
@@ -108,7 +109,7 @@ class RecorderNode(PkmNode):
         return {
             'machine': self._machine,
             'git_revision': git_revision(),
-            'config_hash': config_hash(loops, motion, law),
+            'config_hash': config_hash(loops, motion, law, self._configuration),
             'parameters': self._parameters_of_cell.as_json(),
         }
 

@@ -21,7 +21,7 @@ from pkm_core.learning.initial import first_feedforward
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan
 from pkm_core.motion.trajectory import to_joints
-from pkm_core.recording.provenance import config_hash, loop_hash
+from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_nodes.graph import ENVIRONMENTS, NAMESPACE, cell_nodes, namespace_of
@@ -117,7 +117,7 @@ def run(
         **cell,
         'without': ', '.join(cell['without']),  # a text, as reports show it
         'arrangement': arrangement.value,
-        'config_hash': config_hash([loop_hash(machine, control)], motion, law),
+        'config_hash': config_hash([loop_hash(model, control, machine_hash(machine))], motion, law),
         'sample_time_s': model.sample_time,
         'ticks': log.ticks,
         'ticks_per_second': log.ticks / log.seconds,
