@@ -1,14 +1,14 @@
-"""Prints compose.yaml, a service a node: `.venv/bin/python docker/compose.py > docker/compose.yaml`."""
+"""Print compose.yaml, one service per node: `.venv/bin/python docker/compose.py > docker/compose.yaml`."""
 
 from pkm_nodes.graph import cell_nodes
 
-HEAD = """# Written by docker/compose.py from the list of nodes. The cell as services, one a node, on one host:
+HEAD = """# Written by docker/compose.py from the list of nodes. The cell on one host, one service per node:
 #   docker compose -f docker/compose.yaml up --build -d
-# docs/docker.md says how to send it a motion, and how to give it keys.
+# docs/docker.md describes how to send a motion and how to set up keys.
 x-node: &node
   image: pkm-cell
-  restart: 'no' # a node that ends is for a person to look at: the machine has stopped safely
-  ipc: service:machine # DDS takes shared memory between processes of one host
+  restart: 'no' # no automatic restart: the machine has stopped safely, and the cause needs inspection
+  ipc: service:machine # DDS uses shared memory between processes of one host
   depends_on: [machine]
   stop_signal: SIGINT # the recorder closes its bag first
   stop_grace_period: 15s
@@ -20,7 +20,7 @@ x-node: &node
     ROS_SECURITY_ENCLAVE_OVERRIDE: /pkm
   volumes: &volumes
     - ../runs:/runs
-    # what a node needs of the keystore; the private keys of its authorities stay outside
+    # the part of the keystore a node needs, without the private keys of the authorities
     - ${PKM_KEYSTORE:-../keystore}/enclaves:/keystore/enclaves:ro
     - ${PKM_KEYSTORE:-../keystore}/public:/keystore/public:ro
 

@@ -1,5 +1,6 @@
 #!/bin/bash
-# Gives every command the ROS installation and the cell built on it.
+# SPDX-License-Identifier: Apache-2.0
+# Runs a command in the environment of the ROS installation and of the cell.
 set -e
 source /opt/ros/jazzy/setup.bash
 source /cell/install/setup.bash

@@ -1,5 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
 from glob import glob
 from os.path import dirname, join
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -24,10 +26,12 @@ VERBS = [
     'workspace',
 ]
 
+MANIFEST = ElementTree.parse('package.xml')  # the one source of version, description, maintainer and licence
+
 setup(
     name='pkm_core',
-    version='0.1.0',
-    description='Mechanism, dynamics, drives, control and learning of the parallel-manipulator cell, without ROS.',
+    version=MANIFEST.findtext('version'),
+    description=MANIFEST.findtext('description'),
     packages=find_packages(),
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/pkm_core']),
@@ -35,9 +39,9 @@ setup(
         *((join('share/pkm_core', dirname(path)), [path]) for path in CONFIG),
     ],
     zip_safe=True,
-    maintainer='PKM cell maintainers',
-    maintainer_email='maintainers@pkm-cell.org',
-    license='Apache-2.0',
+    maintainer=MANIFEST.findtext('maintainer'),
+    maintainer_email=MANIFEST.find('maintainer').get('email'),
+    license=MANIFEST.findtext('license'),
     entry_points={
         'console_scripts': ['pkm = pkm_core.cli:main'],
         'pkm.verbs': [f'{verb} = pkm_core.verbs.{verb.replace("-", "_")}:{verb.replace("-", "_")}' for verb in VERBS],

@@ -1,4 +1,6 @@
+# SPDX-License-Identifier: Apache-2.0
 from glob import glob
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -16,10 +18,12 @@ NODES = [
     'dashboard',
 ]
 
+MANIFEST = ElementTree.parse('package.xml')  # the one source of version, description, maintainer and licence
+
 setup(
     name='pkm_nodes',
-    version='0.1.0',
-    description='The rclpy nodes of the parallel-manipulator cell: thin shells on pkm_core.',
+    version=MANIFEST.findtext('version'),
+    description=MANIFEST.findtext('description'),
     packages=find_packages(),
     package_data={'pkm_nodes': ['fastdds.xml']},
     data_files=[
@@ -30,9 +34,9 @@ setup(
         ('share/pkm_nodes/layouts', glob('layouts/*')),
     ],
     zip_safe=True,
-    maintainer='PKM cell maintainers',
-    maintainer_email='maintainers@pkm-cell.org',
-    license='Apache-2.0',
+    maintainer=MANIFEST.findtext('maintainer'),
+    maintainer_email=MANIFEST.find('maintainer').get('email'),
+    license=MANIFEST.findtext('license'),
     entry_points={
         'console_scripts': [f'{node} = pkm_nodes.nodes.{node}:main' for node in NODES],
         # verbs that need ROS; pkm_core.cli adds every verb it finds in this group

@@ -1,4 +1,4 @@
-"""The image and the services, read line by line: there may be no Docker engine where the tests run."""
+"""The Dockerfile and compose.yaml, read line by line: the tests need no Docker engine."""
 
 import fnmatch
 import re
@@ -16,7 +16,7 @@ from pkm_nodes.graph import cell_nodes
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / 'docker'
 PACKAGES = sorted(path.parent for path in (ROOT / 'src').glob('*/setup.py'))
-# import name: distribution, where they differ; what comes with another distribution or with ROS itself
+# import name: distribution, where they differ or where another distribution contains the import
 DISTRIBUTIONS = {
     'llvmlite': 'numba',
     'mpl_toolkits': 'matplotlib',
@@ -25,7 +25,7 @@ DISTRIBUTIONS = {
     'zstandard': 'mcap',
 }
 OF_ROS = {'yaml'}
-ELSEWHERE = {'mujoco'}  # of the bench, which says so when it is missing
+ELSEWHERE = {'mujoco'}  # for the bench only, which reports that it is missing
 
 
 def instructions():
@@ -40,7 +40,7 @@ def of(kind):
 
 
 def left_out(path):
-    """Tell whether Dockerfile.dockerignore keeps `path` (relative) out of the build."""
+    """Return whether Dockerfile.dockerignore excludes `path` (relative) from the build."""
     out = False
     for pattern in (DOCKER / 'Dockerfile.dockerignore').read_text().splitlines():
         if pattern and not pattern.startswith('#'):
@@ -56,7 +56,7 @@ def test_every_instruction_is_known():
     assert instructions()[0] == ('FROM', 'ros:jazzy-ros-base')
 
 
-def test_every_copied_file_is_there_and_sent_to_the_build():
+def test_copied_files_exist_and_are_sent_to_the_build():
     assert of('COPY')
     for arguments in of('COPY'):
         *sources, _ = shlex.split(arguments)
@@ -74,7 +74,7 @@ def test_every_script_can_be_parsed(script):
 
 
 def test_versions_in_the_image_are_those_of_the_lock(tmp_path):
-    """The RUN line that strips the hashes, run here; pip takes its outcome as constraints."""
+    """Run the RUN line that strips the hashes; pip takes its output as constraints."""
     (strip,) = [script for script in of('RUN') if script.startswith('sed ')]
     source, target = re.findall(r'/tmp/[\w.]+', strip)
     assert f'requirements/requirements.txt {source}' in of('COPY')
@@ -89,7 +89,8 @@ def test_versions_in_the_image_are_those_of_the_lock(tmp_path):
     assert set(shlex.split(packages)) <= locked
 
 
-def test_image_is_stopped_by_the_signal_that_lets_launch_end_its_nodes():
+def test_image_stops_by_sigint():
+    """SIGINT lets ros2 launch end its nodes; SIGTERM does not."""
     assert of('STOPSIGNAL') == ['SIGINT']
 
 
@@ -101,7 +102,7 @@ def test_every_import_is_installed_in_the_image(package, imports_of):
         assert name in declared or DISTRIBUTIONS.get(name, name) in installed, name
 
 
-def test_default_command_launches_with_arguments_that_exist():
+def test_default_command_launches_with_existing_arguments():
     (command,) = of('CMD')
     *words, package, file, argument = yaml.safe_load(command)
     assert (words, package) == (['ros2', 'launch'], 'pkm_nodes')
@@ -109,18 +110,18 @@ def test_default_command_launches_with_arguments_that_exist():
     assert f"DeclareLaunchArgument('{argument.partition(':=')[0]}'" in launch
 
 
-def test_entry_point_is_copied_and_may_be_run():
+def test_entry_point_is_copied_and_executable():
     (entry,) = of('ENTRYPOINT')
     (path,) = yaml.safe_load(entry)
     assert f'docker/entrypoint.sh {path}' in of('COPY')
     assert (DOCKER / 'entrypoint.sh').stat().st_mode & 0o111
 
 
-def test_services_are_the_nodes_of_a_cell_with_their_parameters():
+def test_services_are_the_nodes_of_a_cell():
     written = (DOCKER / 'compose.yaml').read_text()
     program = [sys.executable, DOCKER / 'compose.py']
     wanted = subprocess.run(program, capture_output=True, text=True, check=True, timeout=60).stdout
-    assert written == wanted, 'write it anew: .venv/bin/python docker/compose.py > docker/compose.yaml'
+    assert written == wanted, 'outdated: run .venv/bin/python docker/compose.py > docker/compose.yaml'
     services = yaml.safe_load(written)['services']
     assert list(services) == [spec.name for spec in cell_nodes('four_dof')]
     for service in services.values():
@@ -129,7 +130,7 @@ def test_services_are_the_nodes_of_a_cell_with_their_parameters():
         assert any(volume.endswith(':/runs') for volume in service['volumes'])
 
 
-def test_services_share_the_memory_of_the_machine_and_are_interrupted_not_killed():
+def test_services_share_memory_and_stop_by_sigint():
     services = yaml.safe_load((DOCKER / 'compose.yaml').read_text())['services']
     assert {name: service['ipc'] for name, service in services.items()} == {
         name: 'shareable' if name == 'machine' else 'service:machine' for name in services

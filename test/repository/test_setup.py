@@ -1,4 +1,4 @@
-"""bringup_scripts/setup: nothing to do when done; one clear line when the machine lacks something."""
+"""bringup_scripts/setup: no work if already done; one line of error for a missing prerequisite."""
 
 import shutil
 import subprocess
@@ -15,7 +15,7 @@ TOOLS = [
 
 @pytest.fixture
 def fresh(tmp_path):
-    """Return a function that runs the set-up of a fresh tree with only the given programs on PATH."""
+    """Return a function that runs the set-up of a new tree with only the given programs on PATH."""
     tree, programs = tmp_path / 'tree', tmp_path / 'bin'
     programs.mkdir()
     for folder in ('bringup_scripts', 'requirements', 'src'):
@@ -40,7 +40,7 @@ def fresh(tmp_path):
     return run
 
 
-PYTHON = 'exit 0'  # stands for a Python of a fitting version
+PYTHON = 'exit 0'  # stands for a supported Python
 OLD_PYTHON = 'if [ "$1" = --version ]; then echo Python 3.9.2; fi; exit 1'
 COMPILER = 'exit 0'
 ROOM = 'echo Filesystem 1M-blocks Used Available; echo /dev/vda 9000 1 9000'
@@ -55,19 +55,19 @@ NO_ROOM = 'echo Filesystem 1M-blocks Used Available; echo /dev/vda 9000 8900 100
         ({'python3': PYTHON, 'cxx': COMPILER, 'df': NO_ROOM}, 'setup: needs 2500 MB of free disk'),
     ],
 )
-def test_missing_prerequisite_gets_one_line_that_says_what_to_do(fresh, shims, line):
+def test_missing_prerequisite_gives_one_line_with_the_remedy(fresh, shims, line):
     done = fresh(**shims)
     assert done.returncode == 1
     assert done.stderr.startswith(line)
     assert done.stderr.count('\n') == 1
 
 
-def test_second_start_skips_what_is_done():
+def test_second_run_of_setup_does_nothing():
     done = subprocess.run([ROOT / 'bringup_scripts' / 'setup'], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == done.stderr == ''
 
 
-def test_lock_files_name_no_registry_and_hash_every_package():
+def test_lock_files_hash_every_package_and_name_no_registry():
     for name in ('requirements.txt', 'uv.txt'):
         text = (ROOT / 'requirements' / name).read_text()
         assert '://' not in text

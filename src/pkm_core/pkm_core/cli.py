@@ -5,7 +5,8 @@ Verbs of the core are added here; packages above it add theirs through the entry
 """
 
 import sys
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
+from typing import Annotated
 
 import typer
 
@@ -20,8 +21,18 @@ app = typer.Typer(
 )
 
 
+def _print_version(wanted: bool):
+    if wanted:
+        print(version('pkm_core'))
+        raise typer.Exit
+
+
 @app.callback()
-def _pkm():
+def _pkm(
+    _version: Annotated[
+        bool, typer.Option('--version', is_eager=True, callback=_print_version, help='Print the version and exit.')
+    ] = False,
+):
     """Keep `pkm VERB` the form even while there is only one verb."""
 
 

@@ -64,8 +64,8 @@ def markdown(table):
 def targets_report(rows, seeds, cycles):
     """Return ([`Table`], figures) of the `Target`s `rows`."""
     verdicts = {True: 'yes', False: 'NO', None: ''}
-    title = f'To reach: mean (95 %) of {seeds} noise seeds x {cycles} cycles, worst axis by the encoders, nominal'
-    headings = ['', 'thesis', 'to reach', 'reached', 'met']
+    title = f'Goals: mean (95 %) of {seeds} noise seeds x {cycles} cycles, worst axis by the encoders, nominal'
+    headings = ['', 'thesis', 'goal', 'reached', 'met']
     cells = [[row.what, row.thesis, row.goal, row.reached, verdicts[row.met]] for row in rows]
     data = {'experiment': 'targets', 'seeds': seeds, 'cycles': cycles, 'targets': [asdict(row) for row in rows]}
     return [Table(title, headings, cells)], data

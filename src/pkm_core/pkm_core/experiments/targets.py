@@ -117,7 +117,7 @@ def _machine_rows(machine, found):
         _error(f'{name} hard, best law, from cycle {_first(found["hard"])}', '', found['hard'], goals['hard']),
         _settled(f'{name} hard, settling to 5 um', found['hard'], 'settling_time_5um', 1.0),
         replace(
-            _error(f'{name} hard, law of the thesis', '', found['thesis hard'], np.inf), goal='beside it', met=None
+            _error(f'{name} hard, law of the thesis', '', found['thesis hard'], np.inf), goal='for comparison', met=None
         ),
         _random(name, found['random']),
         _transfer(name, found['transfer'], goals['transfer']),
@@ -149,7 +149,7 @@ def _thesis_law(name, thesis, outcomes, limit):
     yield Target(f'{name} law of the thesis', thesis, f'<= {limit:g} um within 6 cycles', reached, bool(met))
     reached = f'{late:.2f} um in {LONG - 9}-{LONG}, at most {error[:, 6:].max():.2f}'
     met = late <= 1.1 * early and not any(each.notices for each in outcomes)
-    yield Target('... without drift', '', f'as before over {LONG} cycles', reached, bool(met))
+    yield Target('... without drift', '', f'the same over {LONG} cycles', reached, bool(met))
 
 
 def _settling(name, outcomes):
@@ -181,7 +181,7 @@ def _transfer(name, results, limit):
     error = UM * np.array([each[0] for each in results])
     reached = f'mean {error.mean():.2f}, max {error.max():.2f} um'
     return Target(
-        f'{name} basis law, first cycle of moves never learned',
+        f'{name} basis law, first cycle of moves not used in learning',
         '',
         f'<= {limit:g} um',
         reached,
@@ -202,7 +202,7 @@ def _laser(name, found):
         yield Target(
             what,
             thesis,
-            f'{goal} um' if key == 'exact' else 'told',
+            f'{goal} um' if key == 'exact' else 'reported',
             ', '.join(cells) + ' um',
             bool(met) if key == 'exact' else None,
         )
