@@ -37,7 +37,7 @@ def test_ideal_environment_has_no_imperfection():
     [
         ('substep: 62.5 us', 'substep: 62.5', 'has no unit'),
         ('substep: 62.5 us', 'substep: 60 us', 'does not divide the tick'),
-        ('delay: 2.9 us', 'delay: 70 us', 'is not below substep'),
+        ('delay: 2.9 us', 'delay: 70 us', 'delay 7e-05 s given; allowed below substep 6.25e-05 s'),
         ('gain: 7375 mm/s^2/V', 'gain: 7375 mm/s', 'dimension'),
         ('[[d1, d3], [d7, d5]]', '[[d1, d9], [d7, d5]]', "unknown joint 'd9'"),
         ('resonance: 380 Hz', 'resonance: 238 Hz', 'must differ'),

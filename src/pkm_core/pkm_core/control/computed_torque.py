@@ -30,9 +30,9 @@ from pkm_core.errors import PkmError
 class TorqueGains(Config):
     """Error dynamics of one axis: KP = wn^2, KD = 2 zeta wn, KI = `integral` KD KP, which Routh allows below 1."""
 
-    natural_frequency: Annotated[Frequency, Field(gt=0)]  # wn/(2 pi)
-    damping: Annotated[Number, Field(gt=0)]  # zeta
-    integral: Annotated[Number, Field(ge=0, lt=1)]
+    natural_frequency: Annotated[Frequency, Field(gt=0, description='wn/(2 pi)')]
+    damping: Annotated[Number, Field(gt=0, description='zeta')]
+    integral: Annotated[Number, Field(ge=0, lt=1, description='KI/(KD KP)')]
 
     def error_gains(self):
         """Return KP [1/s^2], KI [1/s^3], KD [1/s]."""

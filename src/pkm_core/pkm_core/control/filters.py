@@ -34,9 +34,9 @@ class Lag(Config):
     The thesis prints (7.22) in s without Ts; its pole and zero are values in the z plane.
     """
 
-    pole: Annotated[Frequency, Field(gt=0)]  # F1
-    zero: Annotated[Frequency, Field(gt=0)]  # F2, above F1
-    dc_gain: Annotated[Number, Field(gt=0)]  # KL (1 - zc)/(1 - pc)
+    pole: Annotated[Frequency, Field(gt=0, description='F1')]
+    zero: Annotated[Frequency, Field(gt=0, description='F2, above F1')]
+    dc_gain: Annotated[Number, Field(gt=0, description='KL (1 - zc)/(1 - pc)')]
 
     def discrete(self, sample_time):
         """Return the five coefficients at `sample_time` [s]."""
@@ -48,9 +48,9 @@ class Lag(Config):
 class Notch(Config):
     """Notch FN(s) = (s^2 + A wb s + wr^2)/(s^2 + wb s + wr^2), wb = wh - wl, wr^2 = wh wl, A = 10^(-att/20) (7.23)."""
 
-    centre: Annotated[Frequency, Field(gt=0)]  # wr
-    width: Annotated[Frequency, Field(gt=0)]  # wb
-    attenuation: Annotated[Decibel, Field(gt=0)]  # [dB] exactly reached at the centre
+    centre: Annotated[Frequency, Field(gt=0, description='wr')]
+    width: Annotated[Frequency, Field(gt=0, description='wb')]
+    attenuation: Annotated[Decibel, Field(gt=0, description='[dB] at the centre, exactly')]
 
     def magnitude(self, frequency):
         """Return |FN| at `frequency` [Hz], any shape."""

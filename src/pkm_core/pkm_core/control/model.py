@@ -19,7 +19,7 @@ class Mode(Config):
     resonance: Annotated[Frequency, Field(gt=0)]
     resonance_damping: Annotated[Number, Field(gt=0, lt=1)]
     antiresonance: Annotated[Frequency, Field(gt=0)]
-    antiresonance_damping: Annotated[Number, Field(gt=-1, lt=1)]
+    antiresonance_damping: Annotated[Number, Field(gt=-1, lt=1, description='negative: zeros in the right half plane')]
 
     def low_frequency_delay(self):
         """Return the delay [s] of slow signals: 2 zr/wr - 2 za/wa."""
@@ -30,9 +30,9 @@ class Mode(Config):
 class AxisModel(Config):
     """Drive voltage [V] to slider position [m] of one axis."""
 
-    gain: Annotated[quantity('m/s^2/V'), Field(gt=0)]  # K
-    viscosity: Annotated[quantity('1/s'), Field(ge=0)]  # a
-    current_loop: Annotated[Frequency, Field(gt=0)]  # corner of the first-order current loop (6.3)
+    gain: Annotated[quantity('m/s^2/V'), Field(gt=0, description='K')]
+    viscosity: Annotated[quantity('1/s'), Field(ge=0, description='a')]
+    current_loop: Annotated[Frequency, Field(gt=0, description='corner of the first-order current loop (6.3)')]
     modes: tuple[Mode, ...]
 
     def low_frequency_delay(self):

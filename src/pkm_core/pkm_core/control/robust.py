@@ -28,10 +28,10 @@ from pkm_core.errors import PkmError
 class RobustGains(PidLaw, Config):
     """Feedback of one axis in physical units (the thesis prints its gains per sample and per count)."""
 
-    kp: Annotated[quantity('V/m'), Field(gt=0)]
-    ki: Annotated[quantity('V/(m s)'), Field(ge=0)]
-    kd: Annotated[quantity('V s/m'), Field(ge=0)]
-    derivative_filter: Annotated[Time, Field(ge=0)]  # tau, the t of (7.21)
+    kp: Annotated[quantity('V/m'), Field(gt=0, description='KP')]
+    ki: Annotated[quantity('V/(m s)'), Field(ge=0, description='KI')]
+    kd: Annotated[quantity('V s/m'), Field(ge=0, description='KD')]
+    derivative_filter: Annotated[Time, Field(ge=0, description='tau, the t of (7.21)')]
     lag: filters.Lag
     notch: filters.Notch
 

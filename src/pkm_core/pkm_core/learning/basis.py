@@ -35,8 +35,10 @@ ROUNDING = 1e-6  # of the largest force; below, it is rounding of a joint that s
 class BasisConfig(LawConfig):
     """Parameters of the law; the forces are limited to `band`."""
 
-    slips: tuple[Annotated[Length, Field(gt=0)], ...]  # over which friction turns over
-    resolution: Annotated[Number, Field(gt=0, lt=1)]  # of what is told apart, over the largest singular value
+    slips: Annotated[
+        tuple[Annotated[Length, Field(gt=0)], ...], Field(description='distances over which friction reverses')
+    ]
+    resolution: Annotated[Number, Field(gt=0, lt=1, description='smallest singular value used, over the largest')]
 
 
 class BasisLaw(Law):

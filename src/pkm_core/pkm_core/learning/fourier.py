@@ -30,9 +30,9 @@ from pkm_core.learning.law import FrequencyLaw, LawConfig
 class FourierConfig(LawConfig):
     """Parameters of the law; `gain` is Gl and `band` is HL."""
 
-    forgetting: Annotated[Number, Field(gt=0, le=1)]  # lam
-    integral: Annotated[Number, Field(ge=0, le=1)]  # share of KI
-    derivative: Annotated[Number, Field(ge=0, le=1)]  # share of KD
+    forgetting: Annotated[Number, Field(gt=0, le=1, description='lam')]
+    integral: Annotated[Number, Field(ge=0, le=1, description='share of KI')]
+    derivative: Annotated[Number, Field(ge=0, le=1, description='share of KD')]
 
 
 class FourierLaw(FrequencyLaw):

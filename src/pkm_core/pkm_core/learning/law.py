@@ -29,7 +29,10 @@ class LawConfig(Config):
     """Parameters every law has, the same for all joints; a law's own come in its file."""
 
     # of update 0, 1, ...; the last one stays. Smaller ones average what does not repeat.
-    gain: Annotated[tuple[Annotated[Number, Field(gt=0, le=1)], ...], Field(min_length=1)]
+    gain: Annotated[
+        tuple[Annotated[Number, Field(gt=0, le=1)], ...],
+        Field(min_length=1, description='of update 0, 1, ...; the last one is kept'),
+    ]
     band: Band
 
 

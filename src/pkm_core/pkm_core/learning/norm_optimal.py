@@ -25,8 +25,8 @@ from pkm_core.learning.law import FrequencyLaw, LawConfig
 class NormOptimalConfig(LawConfig):
     """Parameters of the law; outside `band` nothing is learned."""
 
-    effort: Annotated[Frequency, Field(gt=0)]  # where S = |G|^2
-    change: Annotated[Number, Field(gt=0)]  # R over the largest |G|^2
+    effort: Annotated[Frequency, Field(gt=0, description='where S = |G|^2')]
+    change: Annotated[Number, Field(gt=0, description='R over the largest |G|^2')]
 
 
 class NormOptimalLaw(FrequencyLaw):

@@ -24,9 +24,9 @@ ROUNDING = 1e-9  # m; the inverse of a pose on a limit may round to either side 
 class JointConfig(Config):
     """Travel of one slider."""
 
-    lower: Length
-    upper: Length
-    home: Length
+    lower: Annotated[Length, Field(description='lower end of the travel')]
+    upper: Annotated[Length, Field(description='upper end of the travel')]
+    home: Annotated[Length, Field(description='position at power-up')]
 
     @model_validator(mode='after')
     def _home_lies_in_travel(self):
@@ -40,10 +40,10 @@ class JointConfig(Config):
 class DriveConfig(Config):
     """One linear motor with its amplifier; all axes of a machine carry the same."""
 
-    force_constant: Annotated[quantity('N/A'), Field(gt=0)]  # per ampere rms
-    amplifier_gain: Annotated[quantity('A/V'), Field(gt=0)]  # peak phase current per volt of command
-    peak_current: Annotated[quantity('A'), Field(gt=0)]
-    voltage_limit: Annotated[Voltage, Field(gt=0)]
+    force_constant: Annotated[quantity('N/A'), Field(gt=0, description='per ampere rms')]
+    amplifier_gain: Annotated[quantity('A/V'), Field(gt=0, description='peak phase current per volt of command')]
+    peak_current: Annotated[quantity('A'), Field(gt=0, description='peak of a phase')]
+    voltage_limit: Annotated[Voltage, Field(gt=0, description='of the command, both signs')]
     speed_limit: Annotated[Speed, Field(gt=0)]
 
 
@@ -51,9 +51,9 @@ class MachineConfig(Config):
     """What the file of any machine holds; each mechanism adds its joints, geometry and masses."""
 
     mechanism: str
-    sample_time: Annotated[Time, Field(gt=0)]
-    encoder_resolution: PositiveLength
-    laser_sample_time: Annotated[Time, Field(gt=0)]  # of the end-point measurement
+    sample_time: Annotated[Time, Field(gt=0, description='of encoders and controllers: one tick')]
+    encoder_resolution: Annotated[PositiveLength, Field(description='one count')]
+    laser_sample_time: Annotated[Time, Field(gt=0, description='of the end-point measurement')]
     drive: DriveConfig
 
 

@@ -36,17 +36,23 @@ class Pose(Config):
 class ArcTarget(Config):
     """An arc: where it ends, and a point it passes, of which phi is left out."""
 
-    to: Pose
-    via: Pose
+    to: Annotated[Pose, Field(description='pose at the end of the arc')]
+    via: Annotated[Pose, Field(description='point on the arc, without phi')]
 
 
 class Target(Config):
     """Where a move ends, and how it gets there."""
 
-    by: dict[str, Length] | None = None  # from where the machine stands; a joint not named stays
-    pose: Pose | None = None  # straight for the joints
-    line: Pose | None = None  # straight for the end point
-    arc: ArcTarget | None = None
+    by: (
+        Annotated[
+            dict[str, Length],
+            Field(description='displacement from the previous position; a joint not named does not move'),
+        ]
+        | None
+    ) = None
+    pose: Annotated[Pose, Field(description='pose at the end of a move that is straight in joint space')] | None = None
+    line: Annotated[Pose, Field(description='pose at the end of a line of the end point')] | None = None
+    arc: Annotated[ArcTarget, Field(description='an arc of the end point')] | None = None
 
     @model_validator(mode='after')
     def _is_one_thing(self):
@@ -58,13 +64,16 @@ class Target(Config):
 class Motion(Config):
     """A motion of one machine: home, the targets in order, home."""
 
-    machine: str
+    machine: Annotated[str, Field(description='name of the machine')]
     targets: Annotated[tuple[Target, ...], Field(min_length=1)]
-    move_time: Annotated[Time, Field(gt=0)] = 70e-3  # of every move, Tp of the thesis; unused with limits
-    limits: MotionLimits | None = None  # instead of a time: every move as fast as these allow
-    lead_rest: Annotated[Time, Field(ge=0)] = 20e-3  # before a move
-    settle_window: Annotated[Time, Field(gt=0)] = 80e-3  # after a move
-    profile: Literal[*PROFILES] = 'p7'
+    move_time: Annotated[Time, Field(gt=0, description='of every move, Tp of the thesis; not used with limits')] = 70e-3
+    limits: (
+        Annotated[MotionLimits, Field(description='instead of a move time: each move as fast as the limits allow')]
+        | None
+    ) = None
+    lead_rest: Annotated[Time, Field(ge=0, description='before a move')] = 20e-3
+    settle_window: Annotated[Time, Field(gt=0, description='after a move')] = 80e-3
+    profile: Annotated[Literal[*PROFILES], Field(description='shape of a move over time')] = 'p7'
 
     @model_validator(mode='after')
     def _timing_is_clear(self):

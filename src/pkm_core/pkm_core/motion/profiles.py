@@ -17,7 +17,7 @@ from pkm_core.errors import TrajectoryError
 
 
 class MotionLimits(Config):
-    """What a move keeps of, where given: the joint that moves furthest, or the path of a line or an arc."""
+    """Limits of a move: of the joint that moves furthest, or along the path of a line or an arc."""
 
     speed: Annotated[quantity('m/s'), Field(gt=0)] | None = None
     acceleration: Annotated[quantity('m/s^2'), Field(gt=0)] | None = None
