@@ -222,7 +222,7 @@ def test_saving_is_refused_before_all_joints_have_learned_and_where_nothing_can_
     cycles.verdict()
     for joint in ('d1', 'd5'):
         cycles.learn(joint, 1, 'fourier')
-    assert "nothing has been learned of ['d3', 'd7'] yet" in refusal()
+    assert "no cycle of ['d3', 'd7'] yet" in refusal()
     for joint in ('d3', 'd7'):
         cycles.learn(joint, 1, 'fourier')
     assert '/proc/learned.npz: cannot be written' in refusal('/proc/learned.npz')

@@ -120,9 +120,9 @@ def test_trajectory_is_sent_again_until_the_machine_starts(graph, goals, stand_i
         ({'poses': [NEAR_HOME], 'move_time': math.inf}, 'move time is inf s; expected a positive number'),
         (
             {'poses': [NEAR_HOME], 'move_time': 1e6},
-            'move time is 1e+06 s; with their rests the 2 moves of a cycle take 2e+06 s, allowed 20 s',
+            'move time is 1e+06 s; with their rests the 2 moves of a cycle take 2e+06 s; allowed up to 20 s',
         ),
-        ({'poses': [NEAR_HOME] * 200}, 'the 201 moves of a cycle take 34.17 s, allowed 20 s'),
+        ({'poses': [NEAR_HOME] * 200}, 'the 201 moves of a cycle take 34.17 s; allowed up to 20 s'),
         ({'motion': MOTION, 'learned': '/tmp/nowhere.npz'}, '/tmp/nowhere.npz: cannot be read'),
     ],
 )
@@ -152,7 +152,7 @@ def test_cell_with_computed_torque_takes_goals_that_learn_nothing_and_refuses_ot
     ('parameters', 'text'),
     [
         ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown"),
-        ({'control': 'soft'}, r"control 'soft' is none of \['robust', 'computed_torque'\]; .*'four_dof_thesis'"),
+        ({'control': 'soft'}, r"control: 'soft' given; allowed: \['robust', 'computed_torque'\], .*'four_dof_thesis'"),
         ({'start_timeout': math.nan}, r'/pkm/trajectory_generator: start_timeout is nan; expected a positive, finite'),
         ({'metrics_timeout': -1.0}, r'/pkm/trajectory_generator: metrics_timeout is -1.0; expected a positive, finite'),
         ({'timeout': 1.0}, r"trajectory_generator has unknown parameter\(s\) \['timeout'\]; known: .*'start_timeout'"),

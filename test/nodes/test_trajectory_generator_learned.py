@@ -88,5 +88,7 @@ def test_law_that_would_diverge_is_refused_before_anything_moves(graph, goals, s
     graph.start(TrajectoryGeneratorNode)
     status, result = goals.result(goals.send(motion=MOTION, learning_law=str(tmp_path / 'wide.yaml')))
     assert status == GoalStatus.STATUS_ABORTED
-    assert re.search(r"wide.yaml' would diverge: the error of d\d at .* Hz becomes \d\.\d+ times", result.message)
+    assert re.search(
+        r"wide.yaml' would diverge: the error of d\d at .* Hz is multiplied by \d\.\d+ per cycle", result.message
+    )
     assert not stand_in.trajectories

@@ -1,8 +1,8 @@
-"""The errors a caller of pkm_core may want to tell apart; every text says where, what came and what is allowed."""
+"""The errors of pkm_core; every message has the form `where: what came (unit); allowed: range`."""
 
 
 class PkmError(ValueError):
-    """Base of all refusals of this library."""
+    """Base of all errors that this library raises on purpose."""
 
 
 class ConfigError(PkmError):
@@ -10,7 +10,7 @@ class ConfigError(PkmError):
 
 
 class WorkspaceError(PkmError):
-    """A pose or joint position lies outside what the mechanism can reach."""
+    """A pose or joint position is out of the mechanism's reach."""
 
 
 class TrajectoryError(PkmError):

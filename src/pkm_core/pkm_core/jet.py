@@ -1,9 +1,9 @@
 """
-Truncated Taylor series in time: carries position, velocity, acceleration and jerk through any formula at once.
+Truncated Taylor series in time: evaluates a formula for position, velocity, acceleration and jerk at once.
 
-A `Jet` stands where a NumPy array stands: ``machine.inverse(Jet.from_derivatives(p, v, a, j)).derivatives()`` is the
+A `Jet` takes the place of a NumPy array: ``machine.inverse(Jet.from_derivatives(p, v, a, j)).derivatives()`` is the
 exact joint motion of a pose motion, without a hand-written derivative. Arithmetic, `np.sqrt`, `np.sin`, `np.cos` and
-`np.arctan` are known; any other NumPy function refuses a Jet with a TypeError.
+`np.arctan` are supported; any other NumPy function raises a TypeError for a Jet.
 Source: Griewank & Walther, Evaluating Derivatives (2008), ch. 13 (recurrences of Taylor coefficients).
 """
 
@@ -18,7 +18,7 @@ _FACTORIALS = (1.0, 1.0, 2.0, 6.0)
 
 class Jet(NDArrayOperatorsMixin):
     """
-    Array-valued function of time, known by its first Taylor coefficients.
+    Array-valued function of time, represented by its first Taylor coefficients.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Jet(NDArrayOperatorsMixin):
         return f'Jet.from_derivatives{self.derivatives()}'
 
     def __array__(self, *args, **kwargs):
-        raise TypeError('a Jet is no array; take .value or .derivatives()')
+        raise TypeError('a Jet cannot be converted to an array; use .value or .derivatives()')
 
     def __array_ufunc__(self, ufunc, method, *inputs, **kwargs):
         rule = _RULES.get(ufunc)
@@ -67,12 +67,12 @@ class Jet(NDArrayOperatorsMixin):
 
 
 def value(x):
-    """Return `x` without its derivatives: the position of a Jet, an array as it is."""
+    """Return `x` without its derivatives: the position of a Jet, or the array itself."""
     return x.value if isinstance(x, Jet) else np.asarray(x, dtype=float)
 
 
 def as_series(x):
-    """Return `x` if it is a Jet, else as a float array: what formulas for both start from."""
+    """Return `x` if it is a Jet, else as a float array; for formulas that accept both."""
     return x if isinstance(x, Jet) else np.asarray(x, dtype=float)
 
 

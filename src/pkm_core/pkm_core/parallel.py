@@ -1,4 +1,4 @@
-"""Where a search runs: in processes of this computer, or on a dask cluster."""
+"""Executors of a search: processes of this computer, or a dask cluster."""
 
 import asyncio
 import multiprocessing
@@ -13,12 +13,18 @@ from pkm_core.errors import PkmError
 @contextmanager
 def search_executor(processes, cluster):
     """
-    Yield a concurrent.futures executor of `processes` (0: one a processor), or of the dask scheduler at `cluster`.
+    Yield a concurrent.futures executor of `processes` (0: one per processor), or of the dask scheduler at `cluster`.
 
-    The workers of a cluster must have this package.
+    The workers of a cluster need this package.
+
+    Raises
+    ------
+    PkmError
+        If there is no scheduler at `cluster`.
+
     """
     if not cluster:
-        # spawned, not forked: numba and the progress bar have threads
+        # spawn instead of fork, because numba and the progress bar have threads
         context = multiprocessing.get_context('spawn')
         with ProcessPoolExecutor(processes or os.cpu_count(), context, _end_with_parent) as executor:
             yield executor
@@ -26,7 +32,7 @@ def search_executor(processes, cluster):
     from distributed import Client
 
     try:
-        asyncio.run(_knock(cluster))  # a Client that finds nobody tries on in the background
+        asyncio.run(_knock(cluster))  # a Client without a scheduler would keep retrying in the background
     except (OSError, ValueError) as error:
         raise PkmError(f'--cluster: {cluster!r}: {error}') from None
     with Client(cluster, set_as_default=False) as client:
@@ -34,11 +40,11 @@ def search_executor(processes, cluster):
 
 
 def _end_with_parent():
-    """Watch the parent from a worker, which would wait for work for ever if that was killed."""
+    """End this worker when its parent ends; it would otherwise wait for work forever if the parent was killed."""
 
     def watch():
         parent = multiprocessing.parent_process()
-        assert parent is not None  # this is a worker
+        assert parent is not None  # in a worker process
         parent.join()
         os._exit(1)
 

@@ -2,7 +2,7 @@
 
 
 def new_figure(width=7.0, height=5.5):
-    """Return an empty matplotlib Figure of that size [inch]."""
+    """Return an empty matplotlib Figure of `width` by `height` [inch]."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

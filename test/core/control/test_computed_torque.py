@@ -1,4 +1,4 @@
-"""Computed torque: the law against one written out, the error dynamics it promises, its limits, its refusals."""
+"""Computed torque: comparison with the formulas, error dynamics, limits, refusals."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def controller(control=CONTROL, models=MODELS):
 
 
 def written_out(trajectory, measured, learned):
-    """Return the voltages (N, n) of (8.1)-(8.3) as NumPy has them."""
+    """Return the voltages (N, n) of (8.1)-(8.3), computed with NumPy."""
     kp, ki, kd = np.array([gains.error_gains() for gains in CONTROL.values()]).T
     mass = FOUR_DOF.thrust_per_volt / np.array([model.gain for model in MODELS.values()])
     friction = mass * np.array([model.viscosity for model in MODELS.values()])
@@ -71,8 +71,8 @@ def test_gains_follow_from_natural_frequency_and_damping():
     assert (np.roots([1, kd, kp, ki]).real < 0).all()
 
 
-def test_error_of_each_axis_decays_as_promised_on_a_machine_that_is_the_model():
-    """A rigid machine without delay: three axes are at their reference, the fourth is 1 mm off, and stays alone."""
+def test_error_of_an_axis_decays_independently_on_the_model():
+    """A rigid machine without delay: three axes are at their reference and stay there, the fourth is 1 mm off."""
     slow = {joint: TorqueGains(natural_frequency=5.0, damping=0.7, integral=0.1) for joint in FOUR_DOF.joints}
     law = controller(slow)
     samples, n = 400, len(FOUR_DOF.joints)
@@ -101,10 +101,10 @@ def test_error_of_each_axis_decays_as_promised_on_a_machine_that_is_the_model():
     weights = np.linalg.solve(np.vander(poles, 3, increasing=True).T, [-1e-3, 0.0, kp * 1e-3])
     expected = (weights * np.exp(np.outer(np.arange(samples) * TS, poles))).sum(axis=1).real
     np.testing.assert_allclose(errors[:, 1], expected, atol=2e-5)  # sampling: half a sample of 31 rad/s, 1 %
-    assert np.abs(errors[:, [0, 2, 3]]).max() < 1e-6  # the coupling of 4 to 9 % would be 40 um and more
+    assert np.abs(errors[:, [0, 2, 3]]).max() < 1e-6  # without compensation the coupling of 4 to 9 % is 40 um and more
 
 
-def test_voltage_is_held_and_the_integrator_stands_still():
+def test_voltage_saturates_and_the_integrator_is_frozen():
     law = controller()
     trajectory = reference()
     law.load(trajectory, np.zeros(trajectory.position.shape))
@@ -117,7 +117,8 @@ def test_voltage_is_held_and_the_integrator_stands_still():
 
 
 @pytest.mark.parametrize('name', MACHINES)
-def test_configured_gains_keep_the_margins_and_a_hertz_more_would_not(name):
+def test_configured_gains_have_the_highest_allowed_frequency(name):
+    """One hertz more would violate a margin."""
     machine = load_machine(name)
     models, control, limits = load_model(machine), load_torque_control(machine), load_tuning().limits
     for joint, gains in control.items():
@@ -135,7 +136,8 @@ def test_configured_gains_keep_the_margins_and_a_hertz_more_would_not(name):
         assert not kept[2]
 
 
-def test_modes_halve_what_the_delay_alone_would_allow_the_worst_axis():
+def test_modes_halve_the_natural_frequency_of_the_worst_axis():
+    """Compared with the limit due to the delay alone."""
     gains, model, config = CONTROL['d7'], MODELS['d7'], load_tuning()
     tried = np.arange(5.0, 130.0, 1.0)
     with_modes = limits_of(scan(gains, model, TS, config, tried))
@@ -149,7 +151,7 @@ def test_modes_halve_what_the_delay_alone_would_allow_the_worst_axis():
 def test_whole_machine_follows_its_motion(name, limit):
     machine = load_machine(name)
     records = run_cycles(machine, reference(machine), load_torque_control(machine), None, 2, 1)
-    # 13 to 27, 13 to 31 and 10 to 41 um seen; the thesis: 82 to 154 um with 4-DOF, 84 and 136 um planar
+    # 13 to 27, 13 to 31 and 10 to 41 um measured; the thesis: 82 to 154 um with 4-DOF, 84 and 136 um planar
     assert 1e6 * records.metric('max_dynamic_error').max() < limit
     assert np.abs(records.metric('steady_state_error')).max() < 2e-6
 
@@ -176,8 +178,10 @@ def test_control_is_chosen_by_kind_by_name_or_by_file(chosen, folder, name, kind
     assert kind_of(choose_control(FOUR_DOF, chosen)) == kind
 
 
-def test_control_that_does_not_exist_or_is_for_another_machine_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"'fast' is none of \['robust', 'computed_torque'\]; .*'four_dof_thesis'"):
+def test_unknown_control_or_that_of_another_machine_is_refused(tmp_path):
+    with pytest.raises(
+        ConfigError, match=r"'fast' given; allowed: \['robust', 'computed_torque'\], .*'four_dof_thesis'"
+    ):
         choose_control(FOUR_DOF, 'fast')
     with pytest.raises(ConfigError, match=r"joints are \['d1', 'd3'\]; four_dof has"):
         choose_control(FOUR_DOF, find_config('control/computed_torque', 'planar'))
@@ -187,7 +191,7 @@ def test_control_that_does_not_exist_or_is_for_another_machine_is_refused(tmp_pa
 
 
 @pytest.mark.parametrize('kind', ['torque', 'robust'])
-def test_both_controllers_refuse_alike_and_forget_alike(kind):
+def test_both_controllers_have_the_same_refusals_and_reset(kind):
     control = CONTROL if kind == 'torque' else load_control(FOUR_DOF)
     law, fresh = make_controller(FOUR_DOF, control), make_controller(FOUR_DOF, control)
     trajectory = reference()

@@ -1,4 +1,4 @@
-"""The discrete filters are the designed ones, and keep the promises of their physical parameters."""
+"""The discrete filters are those of the design and agree with their physical parameters."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from pkm_core.machines import load_machine
 
 TS = 0.5e-3
 DESIGNS = Path(__file__).parents[1] / 'designs'
-DESIGNED = {  # coefficients the designs were searched and judged with: b0 b1 b2 a1 a2 of lag, then of notch
+DESIGNED = {  # coefficients used in the design search: b0 b1 b2 a1 a2 of lag, then of notch
     ('four_dof', 'd1'): (
         [0.97317657, -0.09446780, 0.0, -0.12129123, 0.0],
         [0.86234229, -0.57930730, 0.40616459, -0.57930730, 0.26850688],
@@ -48,14 +48,14 @@ def response(coefficients, frequency):
 
 
 @pytest.mark.parametrize(('machine', 'joint'), DESIGNED)
-def test_filters_are_those_the_designs_were_judged_with(machine, joint):
+def test_filters_are_those_used_in_the_design_search(machine, joint):
     gains = load_control(load_machine(machine), DESIGNS / f'{machine}.yaml')[joint]
     lag, notch = DESIGNED[machine, joint]
     np.testing.assert_allclose(gains.lag.discrete(TS), lag, atol=1e-6)
     np.testing.assert_allclose(gains.notch.discrete(TS), notch, atol=1e-6)
 
 
-def test_notch_reaches_its_attenuation_at_its_centre_and_passes_the_ends():
+def test_notch_attenuates_at_its_centre_and_passes_the_ends():
     notch = Notch(centre=440.0, width=120.0, attenuation=20.0)
     at = np.array([0.0, 440.0, 1000.0])
     np.testing.assert_allclose(np.abs(response(notch.discrete(TS), at)), [1.0, 0.1, 1.0], atol=1e-12)
@@ -84,7 +84,8 @@ def test_low_frequency_delay_is_the_phase_slope():
 
 
 @pytest.mark.parametrize('text', [4.1, '4.1', '4.1 Hz', '4..1 dB', 'nan dB', '-3 dB'])
-def test_notch_refuses_an_attenuation_that_is_no_positive_decibel_value(text):
+def test_notch_refuses_an_attenuation_that_is_not_in_decibel(text):
+    """Or is not positive."""
     with pytest.raises(ConfigError, match='attenuation'):
         parse_config({'centre': '300 Hz', 'width': '100 Hz', 'attenuation': text}, Notch, where='test.yaml')
 

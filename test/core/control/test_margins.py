@@ -1,4 +1,4 @@
-"""The configured loops keep the promised margins; the figures are python-control's; measured loops give the same."""
+"""Margins: of the configured loops, compared with python-control, and from measured responses."""
 
 import json
 from functools import cache
@@ -31,7 +31,7 @@ from pkm_core.verbs.margins import margins as margins_verb
 
 TS = 0.5e-3
 DESIGNS = Path(__file__).parents[1] / 'designs'
-DESIGNED = {  # gain margin [dB], phase margin [deg], Smax, crossover [Hz], slowest pole: from the search's own code
+DESIGNED = {  # gain margin [dB], phase margin [deg], Smax, crossover [Hz], slowest pole: from the code of the search
     ('four_dof', 'd1'): (9.362, 44.993, 1.7050, 59.81, 0.9769785),
     ('four_dof', 'd3'): (9.102, 45.014, 1.6955, 54.57, 0.9720361),
     ('four_dof', 'd5'): (9.486, 45.064, 1.6803, 56.99, 0.9781999),
@@ -77,7 +77,7 @@ def test_margins_equal_those_of_the_design_search(machine, joint):
     assert margins.slowest_pole == pytest.approx(pole, abs=1e-6)
 
 
-def test_raising_the_gain_by_the_gain_margin_reaches_the_limit_of_stability():
+def test_gain_raised_by_its_margin_is_at_the_stability_limit():
     gains, model = axis('four_dof', 'd1')
     margin = stability_margins(gains, model, TS).gain_margin
     for decibel, stable in ((margin - 0.01, True), (margin + 0.01, False)):
@@ -85,7 +85,7 @@ def test_raising_the_gain_by_the_gain_margin_reaches_the_limit_of_stability():
         assert (stability_margins(gains, raised, TS).slowest_pole < 1) is stable
 
 
-def test_plant_is_the_continuous_model_behind_one_and_a_half_samples():
+def test_plant_is_the_continuous_model_with_1p5_samples_of_delay():
     _, model = axis('planar', 'd3')
     frequency = 20.0
     s = 2j * np.pi * frequency
@@ -110,14 +110,14 @@ def test_open_loop_is_the_response_the_learning_laws_assume():
 
 
 @pytest.mark.parametrize(('machine', 'joint'), [('four_dof', 'd7'), ('planar', 'd3')])
-def test_figures_are_those_of_python_control(machine, joint):
+def test_margins_are_those_of_python_control(machine, joint):
     gains, model = axis(machine, joint)
     margins, loop = stability_margins(gains, model, TS), open_loop(gains, model, TS)
     w = 2 * np.pi * design_grid(TS)[:-1]
     response = control.frd(loop.control(TS)(np.exp(1j * w * TS)), w, smooth=True)
     gain, phase, distance, _, crossover, _ = control.stability_margins(response, returnall=True)
     decibel = 20 * np.log10(gain)
-    # python-control has splines where this code has lines between points 0.25 Hz apart
+    # python-control interpolates with splines, this code with lines between points 0.25 Hz apart
     assert margins.gain_margin == pytest.approx(decibel[decibel > 0].min(), abs=1e-3)
     assert margins.gain_reduction == pytest.approx(-decibel[decibel < 0].max(), abs=1e-2)  # near 10 Hz
     assert margins.phase_margin == pytest.approx(np.abs(phase).min(), abs=1e-2)
@@ -178,7 +178,7 @@ def test_unfit_response_is_refused(frequency, loop, reason):
         measured_margins(frequency, loop)
 
 
-def test_perturbed_models_spread_gain_modes_and_signs_of_the_zeros():
+def test_perturbed_models_vary_gain_modes_and_signs_of_zeros():
     _, model = axis('planar', 'd3')
     models = perturbed_models(model)
     assert models[0] == model
@@ -204,7 +204,7 @@ def random_gains(rng, model):
 
 
 @pytest.mark.parametrize('viscosity', [20.0, 0.0])
-def test_stability_by_the_nyquist_curve_is_stability_by_the_poles(viscosity):
+def test_stability_by_nyquist_curve_and_by_poles_agree(viscosity):
     rng = np.random.default_rng(3)
     model = axis('four_dof', 'd3')[1].model_copy(update={'viscosity': viscosity})
     judge = AxisFigures(model, TS, bandwidth=45.0, resonances_from=150.0)
@@ -214,7 +214,7 @@ def test_stability_by_the_nyquist_curve_is_stability_by_the_poles(viscosity):
         figures = dict(zip(COLUMNS, judge(gains), strict=True))
         margins = stability_margins(gains, model, TS)
         verdicts.append(margins.stable)
-        if margins.peak_sensitivity < 50:  # nearer to the limit than 0.2 dB the coarser grid may err
+        if margins.peak_sensitivity < 50:  # within 0.2 dB of the limit the coarser grid may be wrong
             assert bool(abs(figures['end_angle']) < 1) is margins.stable
         if margins.stable and margins.peak_sensitivity < 3:
             assert figures['gain_margin'] == pytest.approx(margins.gain_margin, abs=0.02)
@@ -251,7 +251,7 @@ def test_unstable_gains_are_refused_with_their_margin():
         ({'kp': 10000.0}, r'd3: the loop has phase margin 2\d\.\d deg, allowed from 30'),
     ],
 )
-def test_gains_that_tolerate_too_little_are_refused_with_what_they_do(changed, reason):
+def test_gains_with_too_small_margins_are_refused_with_values(changed, reason):
     gains, model = axis('four_dof', 'd3')
     require_margins('d3', gains, model, TS, gain_margin=6.0, phase_margin=30.0)
     with pytest.raises(PkmError, match=reason):

@@ -1,4 +1,4 @@
-"""The controller of one axis against a reference made of scipy's filters, and its behaviour at the limits."""
+"""The controller of one axis compared with a reference of scipy filters, and its behaviour at the limits."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_update_equals_the_law_written_with_scipy_filters():
     np.testing.assert_allclose(voltage, expected, rtol=1e-9, atol=1e-9)
 
 
-def test_slider_behind_its_reference_is_pushed_forward():
+def test_positive_error_gives_positive_voltage():
     axis = controller()
     load(axis, [0.080])
     voltage, error = axis.update(0, 0.079)
@@ -70,7 +70,7 @@ def test_update_returns_python_floats():
     assert [type(value) for value in axis.update(0, 0.0799)] == [float, float]
 
 
-def test_learned_voltage_reaches_the_output_through_filters_of_unit_gain():
+def test_learned_voltage_passes_filters_of_unit_gain_unchanged():
     axis = controller()
     load(axis, np.full(200, 0.08), learned=np.repeat([0.0, 0.5], 100))
     voltage, _ = run(axis, np.full(200, 0.08))
@@ -91,18 +91,18 @@ def test_feedforward_inverts_the_plant_for_slow_motion():
     assert whole == pytest.approx(1.0, abs=5e-4)
 
 
-def test_voltage_stays_at_the_limit_and_the_integrator_does_not_wind_up():
+def test_voltage_saturates_without_integrator_windup():
     axis = controller()
     samples = 2000
     load(axis, np.full(samples + 60, 0.08))
     held, _ = run(axis, np.full(samples, 0.07))
     assert held.max() == LIMIT
     released = [axis.update(samples + index, 0.08)[0] for index in range(60)]
-    # a second of 10 mm error would have stored 6000 V; without it only the filters (3 ms) have to run out
+    # one second of 10 mm error would integrate to 6000 V; without windup only the filters (3 ms) have to settle
     assert max(np.abs(released[20:])) < 0.1 * LIMIT
 
 
-def test_integrator_leaves_the_limit_as_soon_as_the_error_turns():
+def test_voltage_leaves_the_limit_when_the_error_reverses():
     axis = controller()
     load(axis, np.full(400, 0.08))
     measured = np.concatenate([np.full(200, 0.07), np.full(200, 0.0801)])
@@ -110,7 +110,7 @@ def test_integrator_leaves_the_limit_as_soon_as_the_error_turns():
     assert (voltage[210:] < 0).all()
 
 
-def test_next_cycle_continues_without_a_jump():
+def test_next_cycle_continues_without_a_voltage_step():
     rng = np.random.default_rng(2)
     measured = 0.08 + 1e-6 * rng.standard_normal(300)
     whole, halves = controller(), controller()
@@ -123,7 +123,7 @@ def test_next_cycle_continues_without_a_jump():
     np.testing.assert_array_equal(np.concatenate([first, second]), expected)
 
 
-def test_another_level_of_feedforward_does_not_move_a_resting_axis():
+def test_new_level_of_feedforward_does_not_move_a_resting_axis():
     measured = 0.08 + 1e-6 * np.random.default_rng(2).standard_normal(300)
     changing, steady = controller(), controller()
     load(changing, np.full(150, 0.08), learned=np.full(150, 0.1))
@@ -134,7 +134,7 @@ def test_another_level_of_feedforward_does_not_move_a_resting_axis():
     np.testing.assert_allclose(np.concatenate([first, second]), run(steady, measured)[0], atol=1e-12)
 
 
-def test_reset_forgets_the_past():
+def test_reset_returns_to_the_initial_state():
     axis, fresh = controller(), controller()
     load(axis, np.full(50, 0.08))
     run(axis, np.full(50, 0.0795))
@@ -145,7 +145,8 @@ def test_reset_forgets_the_past():
 
 
 @pytest.mark.parametrize('measured', [np.nan, np.inf, -np.inf])
-def test_measurement_that_is_not_finite_is_refused_and_changes_nothing(measured):
+def test_measurement_that_is_not_finite_leaves_the_state(measured):
+    """It is refused with the sample."""
     axis, undisturbed = controller(), controller()
     for each in (axis, undisturbed):
         load(each, np.full(3, 0.08))
@@ -188,7 +189,7 @@ def test_gains_for_other_joints_are_refused(tmp_path):
 
 
 def moving(axis, learned=0.1):
-    """Load a sine of 1 mm at 5 Hz and return measured positions that follow it with some micrometres of error."""
+    """Load a sine of 1 mm at 5 Hz and return measured positions that follow it within some micrometres."""
     t, w, amplitude = np.arange(400) * TS, 2 * np.pi * 5.0, 1e-3
     sine, cosine = np.sin(w * t), np.cos(w * t)
     derivatives = 0.08 + amplitude * sine, amplitude * w * cosine, -amplitude * w**2 * sine, -amplitude * w**3 * cosine
@@ -208,7 +209,7 @@ SOFTER = GAINS.model_copy(
 )
 
 
-def test_exchange_of_gains_does_not_make_the_voltage_jump():
+def test_exchange_in_motion_keeps_the_voltage_continuous():
     changed, same = controller(), controller()
     measured = moving(changed)
     moving(same)
@@ -216,16 +217,16 @@ def test_exchange_of_gains_does_not_make_the_voltage_jump():
         changed.update(index, measured[index])
         voltage, error = same.update(index, measured[index])
     changed.exchange(SOFTER)
-    held = [same._reference[index] - error for index in (200, 201)]  # the error stays what it was
+    held = [same._reference[index] - error for index in (200, 201)]  # the error is constant
     new = [changed.update(200 + k, position)[0] for k, position in enumerate(held)]
     old = [same.update(200 + k, position)[0] for k, position in enumerate(held)]
     assert new[0] == pytest.approx(old[0], abs=1e-12)
-    assert abs(old[0] - voltage) > 1e-3  # it was moving
-    # in the second tick integral, derivative and feedforward go on at their own pace
+    assert abs(old[0] - voltage) > 1e-3  # the axis is moving
+    # from the second tick on integral, derivative and feedforward change
     assert new[1] == pytest.approx(old[1], abs=0.2 * abs(old[1] - old[0]) + 2e-3)
 
 
-def test_exchange_of_gains_at_rest_keeps_the_voltage_until_the_error_changes():
+def test_exchange_at_rest_keeps_the_voltage_at_constant_error():
     axis = controller()
     load(axis, np.full(300, 0.08), learned=np.full(300, 0.4))
     before, _ = run(axis, np.full(150, 0.08))
@@ -252,7 +253,7 @@ def test_exchange_may_move_gain_between_pid_and_lag():
         }
     )
     changed, same = controller(), controller()
-    measured = moving(changed, learned=0.0)  # it enters in front of the lag, so its meaning would change
+    measured = moving(changed, learned=0.0)  # it is added before the lag: with learned voltage the output would change
     moving(same, learned=0.0)
     for index in range(400):
         if index == 200:
@@ -261,7 +262,7 @@ def test_exchange_may_move_gain_between_pid_and_lag():
 
 
 def closed_loop(axis, samples, exchange_at=None):
-    """Return the errors of `axis` closed over its own model."""
+    """Return the errors of `axis` in a loop with its own model."""
     plant = plant_system(MODEL, TS)
     state = np.zeros((plant.B.size, 1))
     errors = []
@@ -274,7 +275,7 @@ def closed_loop(axis, samples, exchange_at=None):
     return np.array(errors)
 
 
-def test_exchange_in_full_motion_leaves_no_more_error_than_the_new_gains_do():
+def test_exchange_in_motion_adds_no_error_to_that_of_new_gains():
     changed, softer = controller(), controller(SOFTER)
     for axis in (changed, softer):
         moving(axis)
@@ -282,7 +283,8 @@ def test_exchange_in_full_motion_leaves_no_more_error_than_the_new_gains_do():
     assert np.abs(closed_loop(changed, 400, exchange_at=200)[200:]).max() < own
 
 
-def test_exchange_for_unstable_gains_is_refused_with_the_margin_and_changes_nothing():
+def test_exchange_for_unstable_gains_is_refused_with_the_margin():
+    """The old gains stay in use."""
     changed, same = controller(), controller()
     measured = moving(changed)
     moving(same)
@@ -294,7 +296,7 @@ def test_exchange_for_unstable_gains_is_refused_with_the_margin_and_changes_noth
         assert changed.update(index, measured[index]) == same.update(index, measured[index])
 
 
-def test_exchange_takes_the_feedforward_with_it():
+def test_exchange_of_gains_updates_the_feedforward():
     axis = controller()
     measured = moving(axis)
     run(axis, measured)
@@ -303,7 +305,7 @@ def test_exchange_takes_the_feedforward_with_it():
     assert axis.feedforward_gains == feedforward_gains(SOFTER, MODEL, TS)
 
 
-def test_unstable_gains_in_a_file_are_refused_with_axis_and_margin(tmp_path):
+def test_unstable_gains_of_a_file_are_refused_with_margin(tmp_path):
     path = tmp_path / 'control.yaml'
     text = find_config('control', 'four_dof').read_text()
     path.write_text(text.replace('kd: 0.0425555 V s/mm', 'kd: 0.425555 V s/mm'))
@@ -311,14 +313,14 @@ def test_unstable_gains_in_a_file_are_refused_with_axis_and_margin(tmp_path):
         load_control(MACHINE, path)
 
 
-def test_feedforward_is_that_of_the_loop_whatever_gain_the_lag_has():
+def test_feedforward_does_not_depend_on_the_gain_of_the_lag():
     loud = GAINS.model_copy(update={'lag': GAINS.lag.model_copy(update={'dc_gain': 10.0})})
     np.testing.assert_allclose(feedforward_gains(loud, MODEL, TS), np.array(feedforward_gains(GAINS, MODEL, TS)) / 10)
     z = np.exp(2j * np.pi * 50.0 * TS)
     assert open_loop(loud, MODEL, TS)(z) == pytest.approx(10 * open_loop(GAINS, MODEL, TS)(z), rel=1e-9)
 
 
-def test_exchange_of_the_model_changes_what_is_fed_forward():
+def test_exchange_of_the_model_updates_the_feedforward():
     machine = load_machine('planar')
     gains, model = load_control(machine)['d1'], load_model(machine)['d1']
     heavier = model.model_copy(update={'gain': 0.8 * model.gain})

@@ -1,4 +1,4 @@
-"""Truncated Taylor series against closed forms, differences and each other."""
+"""Truncated Taylor series compared with closed forms, differences and each other."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_derivatives_return_what_from_derivatives_took():
     assert_derivatives(X, *polynomial(T), tolerance=0.0)
 
 
-def test_time_itself_through_elementary_functions_gives_their_derivatives():
+def test_elementary_functions_of_time_give_their_derivatives():
     t = Jet.from_derivatives(T, 1.0, 0.0, 0.0)
     s, c = np.sin(T), np.cos(T)
     assert_derivatives(np.sin(t), s, c, -s, -c)
@@ -100,6 +100,6 @@ def test_value_and_as_series_take_both_kinds():
 
 
 @pytest.mark.parametrize('function', [np.exp, np.asarray, lambda x: np.stack([x, x]), lambda x: x > 0.0, np.add.reduce])
-def test_unknown_function_is_refused_instead_of_dropping_derivatives(function):
+def test_unsupported_function_is_refused(function):
     with pytest.raises(TypeError):
         function(X)

@@ -1,4 +1,4 @@
-"""The basis law: what its shapes are, what it recovers, and that its parameters hold on motions never driven."""
+"""The basis law: its forces, recovery of parameters, and their validity on other motions."""
 
 from functools import cache
 
@@ -35,7 +35,7 @@ def training(name):
     return joints(name, training_motion(load_machine(name)))
 
 
-def test_training_motion_moves_every_pair_alike_and_oppositely():
+def test_training_motion_moves_pairs_alike_and_oppositely():
     for name in MACHINES:
         acceleration = training(name).acceleration
         correlation = acceleration.T @ acceleration
@@ -49,7 +49,7 @@ def test_training_motion_visits_both_sides_of_home():
     np.testing.assert_allclose([away.min(axis=0), away.max(axis=0)], [[-5e-3] * 4, [5e-3] * 4], atol=1e-12)
 
 
-def test_slip_turns_over_within_its_length_and_holds_at_rest():
+def test_slip_reverses_within_its_length_and_holds_at_rest():
     position = np.concatenate([np.linspace(0, 1e-3, 400), np.full(50, 1e-3), np.linspace(1e-3, 0, 400)])
     rested = slip(position, 20e-6, rested=True)
     assert rested[0] == 0.0
@@ -58,7 +58,7 @@ def test_slip_turns_over_within_its_length_and_holds_at_rest():
     assert rested[399] == pytest.approx(1.0)
     np.testing.assert_array_equal(rested[400:450], rested[399])
     assert rested[-1] == pytest.approx(-1.0)
-    # in repetition the cycle begins with what the one before has left
+    # in repetition the cycle begins with the state at the end of the previous one
     assert slip(position, 20e-6, rested=False)[0] == pytest.approx(rested[-1])
 
 
@@ -74,7 +74,7 @@ def test_design_forces_are_those_of_the_inverse_dynamics():
 
 
 @pytest.mark.parametrize('name', MACHINES)
-def test_parameters_are_those_the_feedforward_was_made_of(name):
+def test_parameters_of_a_feedforward_are_recovered(name):
     bound = law(name).with_reference(training(name))
     rng = np.random.default_rng(4)
     for joint in law(name).control:
@@ -84,7 +84,7 @@ def test_parameters_are_those_the_feedforward_was_made_of(name):
         assert found == pytest.approx(wanted, abs=1e-6)
 
 
-def test_error_its_shapes_can_explain_is_removed_in_one_update_on_the_model():
+def test_explainable_error_is_removed_in_one_update_on_the_model():
     name, joint = 'planar', 'd3'
     bound, samples = law(name).with_reference(training(name)), len(training(name))
     wanted = dict.fromkeys(bound.parameters(joint, np.zeros(samples)), 0.02)
@@ -93,11 +93,11 @@ def test_error_its_shapes_can_explain_is_removed_in_one_update_on_the_model():
     path[1:] = bound.path(joint, frequency[1:])
     feedforward = bound.feedforward(joint, wanted)
     error = np.fft.irfft(path * np.fft.rfft(feedforward), samples)
-    # the ends of the cycle are not quite at rest: friction's shape has a mean, which closing tilts by a trace
+    # the ends of the cycle are not exactly at rest: the friction has a mean, which closing tilts slightly
     np.testing.assert_allclose(bound.update(joint, error, np.zeros(samples), 0, TS), feedforward, atol=2e-4)
 
 
-def test_what_a_motion_does_not_have_is_left_out():
+def test_forces_a_motion_does_not_excite_are_left_out():
     single = joints('planar', Motion(machine='planar', targets=(Target(by={'d1': 3e-3}),)))
     bound = law('planar').with_reference(single)
     wanted = dict.fromkeys(bound.parameters('d1', np.zeros(len(single))), 1.0)
@@ -107,8 +107,8 @@ def test_what_a_motion_does_not_have_is_left_out():
     assert found['acceleration'] == pytest.approx(1.0, abs=1e-3)
 
 
-def test_without_reference_it_is_refused():
-    with pytest.raises(LearningError, match='d1: the basis law needs the reference; give it by with_reference'):
+def test_basis_law_without_reference_is_refused():
+    with pytest.raises(LearningError, match='d1: the basis law has no reference; call with_reference first'):
         law('planar').update('d1', np.zeros(600), np.zeros(600), 0, TS)
 
 
@@ -120,10 +120,10 @@ def test_reference_of_another_length_or_machine_is_refused():
         law('planar').with_reference(training('four_dof'))
 
 
-def test_parameters_of_another_joint_or_without_a_value_are_refused():
+def test_parameters_of_another_joint_or_not_finite_are_refused():
     bound = law('planar').with_reference(training('planar'))
     parameters = bound.parameters('d1', np.zeros(len(training('planar'))))
-    with pytest.raises(LearningError, match='learning d1: the feedforward would not be finite'):
+    with pytest.raises(LearningError, match='learning d1: the next feedforward is not finite'):
         bound.feedforward('d1', parameters | {'jerk': np.nan})
     with pytest.raises(LearningError, match=r'learning d3: parameters .* expected'):
         bound.feedforward('d3', parameters)
@@ -131,7 +131,7 @@ def test_parameters_of_another_joint_or_without_a_value_are_refused():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'limit'), [('four_dof', 4.0), ('planar', 8.0)])
-def test_first_cycle_of_moves_never_learned_is_within_micrometres(name, limit):
+def test_first_cycle_of_unlearned_moves_is_within_micrometres(name, limit):
     for seed in (1, 2, 3, 4, 5):
         error, settling = transfer(name, seed)
         assert len(error) == 4

@@ -1,4 +1,4 @@
-"""What is kept of a motion that is learned, and what another run of it, or another motion, begins with."""
+"""The feedforward kept of a learned motion, and the first feedforward of later runs and other motions."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def best_of(law, cycles):
     return best
 
 
-def test_feedforward_with_the_lowest_error_of_every_joint_is_kept():
+def test_feedforward_with_the_lowest_error_of_a_joint_is_kept():
     learned = best_of(
         'inverse', [('d1', 3e-6, 0.0, 0), ('d3', 1e-6, 7.0, 0), ('d1', 1e-6, 1.0, 1), ('d1', 2e-6, 2.0, 2)]
     ).learned()
@@ -38,13 +38,13 @@ def test_feedforward_with_the_lowest_error_of_every_joint_is_kept():
     assert learned.parameters == {}
 
 
-def test_what_was_best_before_learning_began_anew_is_forgotten():
+def test_restart_of_learning_discards_the_previous_best():
     cycles = [('d3', 1e-6, 7.0, 0), ('d1', 1e-6, 1.0, 0), ('d1', 5e-6, 2.0, 0), ('d1', 6e-6, 3.0, 1)]
     assert best_of('inverse', cycles).learned().feedforward[0].tolist() == [2.0, 7.0]
 
 
-def test_joint_that_was_never_seen_is_named():
-    with pytest.raises(LearningError, match=r"'planar_80ms', law 'inverse': nothing has been learned of \['d1'\] yet"):
+def test_joint_without_a_cycle_is_named():
+    with pytest.raises(LearningError, match=r"'planar_80ms', law 'inverse': no cycle of \['d1'\] yet"):
         best_of('inverse', [('d3', 1e-6, 7.0, 0)]).learned()
 
 
@@ -66,13 +66,13 @@ def begin(path, law, trajectory=TRAJECTORY, motion=NAME, control=CONTROL):
 
 
 @pytest.mark.parametrize('law', ['none', 'inverse', 'basis'])
-def test_same_motion_begins_where_it_was_left_whatever_the_law(path, law):
+def test_same_motion_starts_with_its_feedforward_under_any_law(path, law):
     start = begin(path, law)
     first = run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, seed=2, start=start).metric('max_dynamic_error').max()
     assert first < 0.5 * run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, seed=2).metric('max_dynamic_error').max()
 
 
-def test_under_the_basis_law_other_motions_begin_with_what_was_learned_too(path):
+def test_basis_parameters_start_other_motions(path):
     start = begin(path, 'basis', OTHER, 'other')
     errors = [
         run_cycles(MACHINE, OTHER, CONTROL, None, 1, seed=2, start=each).metric('max_dynamic_error').max()

@@ -1,4 +1,4 @@
-"""The convergence test of every law on every loop, the Fourier law's advance, and the loops designed for that law."""
+"""The convergence test of every law on every loop, the advance of the Fourier law, and the loops of the thesis."""
 
 import json
 import re
@@ -36,7 +36,7 @@ def factors(name, loops):
 
 @pytest.mark.parametrize('loops', LOOPS)
 @pytest.mark.parametrize('name', law_names())
-def test_every_law_converges_on_every_perturbed_model_of_every_loop(name, loops):
+def test_every_law_converges_on_all_perturbed_models(name, loops):
     for joint, found in factors(name, loops).items():
         # 9 perturbations for every choice of sides of the two pairs of zeros; the model itself comes first
         assert found.factor.shape == (36, found.frequency.size)
@@ -45,7 +45,7 @@ def test_every_law_converges_on_every_perturbed_model_of_every_loop(name, loops)
 
 @pytest.mark.parametrize('loops', LOOPS)
 @pytest.mark.parametrize('name', ['fourier', 'fourier_pid'])
-def test_fourier_law_never_makes_worse_what_it_does_not_learn(name, loops):
+def test_fourier_law_does_not_amplify_what_it_does_not_learn(name, loops):
     for found in factors(name, loops).values():
         assert found.worst <= law(name, loops).config.forgetting + 1e-12
 
@@ -53,13 +53,14 @@ def test_fourier_law_never_makes_worse_what_it_does_not_learn(name, loops):
 @pytest.mark.parametrize(
     ('name', 'worst'), [('inverse', 0.67), ('norm_optimal', 0.45), ('basis', 0.67), ('fourier_pid', 0.998)]
 )
-def test_factor_is_as_small_as_the_configuration_says(name, worst):
+def test_worst_factor_is_that_of_the_configuration_file(name, worst):
     for loops in ('four_dof', 'planar'):
         assert max(found.worst for found in factors(name, loops).values()) <= worst
 
 
 @pytest.mark.parametrize('loops', ['four_dof_thesis', 'planar_thesis'])
-def test_thesis_law_on_the_thesis_loops_halves_the_error_of_a_move_in_three_cycles(loops):
+def test_thesis_law_halves_the_error_of_a_move_in_three_cycles(loops):
+    """On the loops of the thesis."""
     for found in factors('fourier', loops).values():
         move = (found.frequency >= 10) & (found.frequency <= 60)
         assert found.factor[:, move].max() ** 3 < 0.5
@@ -78,19 +79,19 @@ def test_without_its_advance_the_fourier_law_diverges_slowly(loops):
 def test_advance_is_the_delay_of_the_loop():
     the_law = law('fourier_pid', 'four_dof')
     for joint, samples in the_law.advance.items():
-        # the phase of T = PID G at half weight, 161 Hz, made up for to within half a sample
+        # compensates the phase of T = PID G at half weight, 161 Hz, within half a sample
         action = the_law.action(joint, np.array([161.0]))
         phase = np.angle(action * the_law.path(joint, np.array([161.0])), deg=True)[0]
         assert abs(phase) <= 0.5 * 360 * 161 * 0.5e-3
-        assert samples in (6, 7)  # about 3 ms: 1.5 ms of computation, hold and filters, the rest the loop's own
+        assert samples in (6, 7)  # about 3 ms: 1.5 ms of computation, hold and filters, the rest is that of the loop
 
 
-def test_factor_is_the_one_of_the_iteration_frequency_by_frequency():
+def test_factor_is_that_of_the_iteration_at_every_frequency():
     the_law, joint, samples = law('inverse', 'planar'), 'd3', 800
     frequency = np.fft.rfftfreq(samples, 0.5e-3)
     model = perturbed_models(the_law.models[joint])[4]
     path = np.zeros(frequency.shape, dtype=complex)
-    path[1:] = learned_path(the_law.control[joint], model, frequency[1:], 0.5e-3)
+    path[1:] = learned_path(the_law.gains[joint], model, frequency[1:], 0.5e-3)
     harmonic = 40  # 100 Hz
     first = 1e-6 * np.cos(2 * np.pi * harmonic * np.arange(samples) / samples)
     spectrum, memory, gain = np.fft.rfft(first), the_law.memory(joint, frequency), max(the_law.config.gain)
@@ -100,19 +101,19 @@ def test_factor_is_the_one_of_the_iteration_frequency_by_frequency():
         errors.append(error[harmonic])
         feedforward = memory * feedforward + gain * the_law.action(joint, frequency) * error
     found = factors('inverse', 'planar')[joint]
-    # full weight at 100 Hz: the fixed point is no error
+    # full weight at 100 Hz: the error of the fixed point is zero
     expected = found.factor[4, list(found.frequency).index(100.0)]
     assert abs(errors[1] / errors[0]) == pytest.approx(expected, rel=1e-9)
     assert abs(errors[2] / errors[1]) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(('gain', 'frequency'), [(1.0, 50.0), (0.4, 50.0), (0.7, 190.0)])
-def test_noise_is_amplified_as_the_page_on_learning_says(gain, frequency):
-    """On a model 20 % too weak, of cycles that repeat nothing: var E = s^2 (1 + g^2 |AG|^2/(1 - |mu|^2))."""
+def test_noise_is_amplified_as_documented(gain, frequency):
+    """Model 20 % too weak, errors of pure noise: var E = s^2 (1 + g^2 |AG|^2/(1 - |mu|^2))."""
     the_law, joint, f = law('inverse', 'planar'), 'd1', np.array([frequency])
     model = the_law.models[joint]
     stronger = model.model_copy(update={'gain': 1.2 * model.gain})
-    path = learned_path(the_law.control[joint], stronger, f, 0.5e-3)
+    path = learned_path(the_law.gains[joint], stronger, f, 0.5e-3)
     memory, action = the_law.memory(joint, f), gain * the_law.action(joint, f)
     noise = np.random.default_rng(8).standard_normal((400, 4000, 2)) @ [1.0, 1.0j]
     feedforward, power = np.zeros(400, dtype=complex), []
@@ -146,26 +147,28 @@ def test_page_on_learning_quotes_the_factors_of_the_shipped_laws():
                 assert max(row['worst_in_move_band'] for row in found) == pytest.approx(float(move), abs=5.1e-4)
 
 
-def test_law_that_would_diverge_refuses_to_start_with_the_number():
+def test_law_that_would_diverge_is_refused_with_the_factor():
     the_law = untested_law('fourier', load_machine('planar'), load_control(load_machine('planar')))
     the_law.config = the_law.config.model_copy(update={'derivative': 1.0})
-    with pytest.raises(LearningError, match=r'would diverge: the error of d3 at 1\d\.\d Hz becomes 1\.\d+ times'):
+    with pytest.raises(
+        LearningError, match=r'would diverge: the error of d3 at 1\d\.\d Hz is multiplied by 1\.\d+ per cycle'
+    ):
         checked('fourier', the_law)
 
 
-def test_law_that_starts_says_how_fast_it_converges_at_worst():
+def test_verdict_of_a_law_has_its_worst_factor():
     machine = load_machine('planar')
     verdict = make_law('inverse', machine, load_control(machine)).verdict
     worst = max(found.worst for found in factors('inverse', 'planar').values())
     assert verdict.startswith("learning law 'inverse' converges: at worst the error of d1 at 16")
-    assert f'becomes {worst:.3f} times itself every cycle (gain +20%, modes -5%, zeros ' in verdict
+    assert f'is multiplied by {worst:.3f} per cycle (gain +20%, modes -5%, zeros ' in verdict
 
 
-def test_wrong_sign_refuses_to_start():
+def test_law_with_wrong_sign_is_refused():
     the_law = untested_law('inverse', load_machine('planar'), load_control(load_machine('planar')))
     right = the_law.action
     the_law.action = lambda joint, frequency: -right(joint, frequency)
-    with pytest.raises(LearningError, match=r'2\.\d+ times itself every cycle \(gain \+20%'):
+    with pytest.raises(LearningError, match=r'multiplied by 2\.\d+ per cycle \(gain \+20%'):
         checked('inverse', the_law)
 
 
@@ -173,12 +176,12 @@ def test_make_law_runs_the_test(tmp_path):
     machine = load_machine('planar')
     text = find_config('learning', 'inverse').read_text().replace('160 Hz', '260 Hz').replace('208 Hz', '300 Hz')
     (tmp_path / 'wide.yaml').write_text(text)
-    for _ in range(2):  # one that has failed is not taken for one that has passed
+    for _ in range(2):  # a law that failed is not cached as one that passed
         with pytest.raises(LearningError, match=r"wide.yaml' would diverge"):
             make_law(str(tmp_path / 'wide.yaml'), machine, load_control(machine))
 
 
-def test_law_is_tested_anew_for_other_gains():
+def test_law_is_tested_again_for_other_gains():
     machine = load_machine('planar')
     control = load_control(machine)
     make_law('fourier_pid', machine, control)
@@ -195,7 +198,7 @@ def stiffer(model):
 @pytest.mark.parametrize('loops', ['four_dof_thesis', 'planar_thesis'])
 def test_thesis_loops_keep_the_margins_of_the_thesis(loops):
     the_law = law('fourier', loops)
-    for joint, gains in the_law.control.items():
+    for joint, gains in the_law.gains.items():
         margins = stability_margins(gains, the_law.models[joint], 0.5e-3)
         assert margins.gain_margin >= 7.0  # (7.26)
         assert 45.0 <= margins.phase_margin <= 60.0  # (7.27)
@@ -207,7 +210,7 @@ def test_thesis_loops_keep_the_margins_of_the_thesis(loops):
         assert gains.ki / gains.kp == pytest.approx(5.0, rel=1e-3)  # 1/s
 
 
-def test_report_shows_the_law_with_and_without_its_advance(tmp_path):
+def test_report_has_the_law_with_and_without_advance(tmp_path):
     figures = convergence_figures(law('fourier', 'planar_thesis'))
     assert figures['d1']['converges']
     assert figures['d1']['worst_as_printed'] > 1.2

@@ -1,4 +1,4 @@
-"""What all learning laws have in common, and the arithmetic of each on the linear model it believes in."""
+"""Common properties of all learning laws, and the arithmetic of each on its linear model."""
 
 from functools import cache
 
@@ -39,7 +39,7 @@ def harmonic(n):
 
 
 def moved(path, feedforward):
-    """Return what a feedforward (N,) does to the position in steady repetition."""
+    """Return the effect of a feedforward (N,) on the position in steady repetition."""
     return np.fft.irfft(path * np.fft.rfft(feedforward), N)
 
 
@@ -56,7 +56,7 @@ def error_of_a_move(top):
     return 1e-6 * np.fft.irfft(spectrum, N) * np.sin(np.pi * np.arange(N) / N) ** 4
 
 
-def test_learned_path_is_what_the_loop_does_to_a_voltage_before_its_filters():
+def test_learned_path_is_the_loop_from_voltage_before_filters():
     gains, model = CONTROL['planar']['d3'], law('inverse', 'planar').models['d3']
     frequency = np.array([3.0, 40.0, 160.0])
     z = unit_circle(frequency, TS)
@@ -65,12 +65,13 @@ def test_learned_path_is_what_the_loop_does_to_a_voltage_before_its_filters():
     np.testing.assert_allclose(learned_path(gains, model, frequency, TS), expected, rtol=1e-9)
 
 
-def test_inverse_removes_the_error_of_its_band_in_one_update_on_the_model():
+def test_inverse_removes_the_error_in_its_band_in_one_update():
+    """On the model."""
     the_law, error = law('inverse'), error_of_a_move(150.0)
-    for joint in the_law.control:
+    for joint in the_law.gains:
         feedforward = the_law.update(joint, error, np.zeros(N), 0, TS)
         left = error - moved(model_path(the_law, joint), feedforward)
-        # the window smears a trace above 160 Hz, and the mean stays
+        # the window leaks slightly above 160 Hz, and the mean is not learned
         assert np.abs(left - left.mean()).max() < 1e-3 * np.abs(error).max()
 
 
@@ -98,7 +99,7 @@ def test_norm_optimal_update_minimises_the_lifted_criterion():
 
 
 @pytest.mark.parametrize('name', FOURIER)
-def test_harmonic_passes_the_fourier_law_shifted_forward(name):
+def test_fourier_law_advances_a_harmonic(name):
     the_law, gains, n = law(name), CONTROL['four_dof']['d3'], 12  # 35 Hz: full weight
     config, frequency = the_law.config, n / (N * TS)
     # the same in the time domain, run through a few cycles until the action is periodic: (7.33)
@@ -110,24 +111,26 @@ def test_harmonic_passes_the_fourier_law_shifted_forward(name):
         expected.append(gains.kp * value + config.integral * integral + config.derivative * derivative)
         previous = value
     expected = np.array(expected[-N:])
-    expected = (expected - expected.mean()) * gains.notch.magnitude(frequency)  # the integral's start value has no part
+    expected = (expected - expected.mean()) * gains.notch.magnitude(
+        frequency
+    )  # without the start value of the integral
     action = the_law.config.gain[0] * the_law.action('d3', FREQUENCY)
     result = np.fft.irfft(action * np.fft.rfft(harmonic(n)), N)
     np.testing.assert_allclose(result, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize('name', law_names())
-def test_mean_and_what_lies_above_the_band_are_not_learned(name):
+def test_mean_and_frequencies_above_the_band_are_not_learned(name):
     the_law = law(name)
     above = np.array([0.0, the_law.config.band.fall_to + 1, 400.0])
     assert not the_law.action('d1', above).any()
-    error = 1e-6 * np.linspace(1, 3, N)  # a constant and a ramp, which closing takes away
+    error = 1e-6 * np.linspace(1, 3, N)  # a constant and a ramp, which closing removes
     result = the_law.update('d1', error, np.zeros(N), 0, TS)
     np.testing.assert_allclose(result, 0.0, atol=1e-12)  # V; rounding of 1e-5 V
 
 
 @pytest.mark.parametrize('name', FOURIER)
-def test_without_error_the_feedforward_is_only_forgotten(name):
+def test_without_error_the_feedforward_only_decays(name):
     feedforward = np.linspace(-1, 1, N)
     the_law = law(name)
     result = the_law.update('d1', np.zeros(N), feedforward, 3, TS)
@@ -140,7 +143,7 @@ def test_gain_follows_its_schedule_and_its_last_value_stays():
     np.testing.assert_allclose(np.array(size) / size[0], np.array([7, 7, 7, 7, 7, 5, 3, 3]) / 7)
 
 
-def test_closing_removes_a_ramp_and_keeps_what_repeats():
+def test_closing_removes_a_ramp_and_keeps_the_periodic_part():
     periodic = error_of_a_move(150.0)  # at rest around the boundary
     np.testing.assert_allclose(closed(periodic + 1e-6 * np.linspace(-4, 4, N), TS), periodic, atol=1e-12)
     np.testing.assert_allclose(closed(periodic + 3e-6, TS), periodic + 3e-6, atol=1e-12)
@@ -149,7 +152,7 @@ def test_closing_removes_a_ramp_and_keeps_what_repeats():
 @pytest.mark.parametrize('name', law_names())
 def test_feedforward_stays_within_the_voltage_limit(name):
     limit = MACHINES['four_dof'].voltage_limit
-    # an acceleration the basis law has a column for as well
+    # an acceleration, for which the basis law has a column too
     result = law(name).update('d1', 1e-3 * REFERENCE.acceleration[:, 0], np.zeros(N), 0, TS)
     assert np.abs(result).max() == limit
 

@@ -1,4 +1,4 @@
-"""The monitor: what it notices and when, what it goes back to, and that it does so in the loop."""
+"""The monitor: detection of divergence, the feedforward it returns to, and its effect in the loop."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def decisions(course):
         [5, 9, 4, 6, 3],  # one bad cycle
     ],
 )
-def test_learning_that_converges_is_left_alone(course):
+def test_converging_learning_is_not_interrupted(course):
     for iteration, decision in enumerate(decisions(course)):
         assert decision.learn
         assert decision.message == ''
@@ -38,17 +38,18 @@ def test_learning_that_converges_is_left_alone(course):
         assert (decision.feedforward == iteration).all()
 
 
-def test_error_of_sign_is_noticed_within_two_cycles():
+def test_wrong_sign_is_detected_within_two_cycles():
     seen = decisions([22, 45, 89])
     assert [decision.learn for decision in seen] == [True, True, False]
     assert (seen[-1].feedforward == 0).all()  # the best is before learning
     assert seen[-1].message == (
         'learning of d1 diverges: 22.0, 45.0, 89.0 um rms in the last cycles; '
-        'back to the feedforward that left 22.0 um, and learning anew'
+        'returned to the feedforward with 22.0 um, learning restarts'
     )
 
 
-def test_slow_divergence_is_noticed_in_the_second_cycle_above_three_times_the_level():
+def test_slow_divergence_is_detected_in_its_second_cycle():
+    """Above three times the level."""
     course = [20, 6, 3, 2, 2, 2, *(2 * 1.25**k for k in range(1, 12))]
     seen = decisions(course)
     first = next(k for k, decision in enumerate(seen) if not decision.learn)
@@ -56,17 +57,17 @@ def test_slow_divergence_is_noticed_in_the_second_cycle_above_three_times_the_le
     assert (seen[first].feedforward == 3).all()
 
 
-def test_learning_begins_anew_after_going_back():
-    seen = decisions([30, 5, 1, 1, 1, 1, 1, 41, 38, 41, 8, 2, 1])  # the machine has changed in cycle 7
+def test_learning_restarts_from_the_best_feedforward():
+    seen = decisions([30, 5, 1, 1, 1, 1, 1, 41, 38, 41, 8, 2, 1])  # the machine changes in cycle 7
     assert [k for k, decision in enumerate(seen) if not decision.learn] == [8]
     assert [decision.iteration for decision in seen[9:]] == [0, 1, 2, 3]
     assert all(decision.message == '' for decision in seen[9:])
 
 
-def test_second_divergence_ends_learning_with_the_best_feedforward():
+def test_second_divergence_ends_learning_at_the_best_feedforward():
     seen = decisions([22, 45, 89, 22, 45, 89, 22, 22])
     assert [decision.learn for decision in seen] == [True, True, False, True, True, False, False, False]
-    assert seen[5].message.endswith('where it stays, for this is the second time')
+    assert seen[5].message.endswith('learning ends after the second divergence')
     for decision in seen[5:]:
         assert (decision.feedforward == 3).all()  # the one of the cycle that followed the first return
     assert seen[6].message == ''
@@ -78,21 +79,21 @@ def test_what_is_not_finite_is_refused(values):
         Monitor('d1').observe(np.full(4, values[0]), np.full(4, values[1]))
 
 
-def test_best_is_not_changed_by_what_the_caller_does_with_his_array():
+def test_best_is_a_copy_of_the_caller_array():
     monitor, feedforward = Monitor('d1'), np.ones(4)
     monitor.observe(np.full(4, UM), feedforward)
     feedforward[:] = 7.0
     assert (monitor.best == 1.0).all()
 
 
-def test_law_with_wrong_sign_is_caught_in_the_loop():
+def test_monitor_stops_a_law_with_wrong_sign_in_the_loop():
     machine = load_machine('planar')
     trajectory, control = to_joints(machine, plan(machine, load_motion('planar_80ms'))), load_control(machine)
     law = untested_law('fourier_pid', machine, control)
     right = law.action
     law.action = lambda joint, frequency: -right(joint, frequency)
     records = run_cycles(machine, trajectory, control, law, 8, 1)
-    assert len(records.notices) == 4  # going back and the end, of both joints
+    assert len(records.notices) == 4  # return and end, for both joints
     assert records.notices[0].startswith('cycle 3: learning of d1 diverges')
     assert records.notices[-1].startswith('cycle 6: learning of d3 diverges')
     error = records.metric('max_dynamic_error')
@@ -100,14 +101,16 @@ def test_law_with_wrong_sign_is_caught_in_the_loop():
     assert (error[6:] < 1.5 * error[0]).all()
 
 
-def test_thesis_law_without_its_advance_is_kept_from_diverging():
+def test_monitor_stops_the_thesis_law_without_advance():
     machine = load_machine('four_dof')
     trajectory = to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
     control = load_control(machine, 'four_dof_thesis')
     law = untested_law('fourier', machine, control).as_printed()
     records = run_cycles(machine, trajectory, control, law, 50, 1)
     error = records.metric('max_dynamic_error').max(axis=1) / UM
-    assert error[5:8].max() < 6.0  # it looks converged; unwatched it is at 60 um by cycle 30 and at 1 mm by cycle 50
+    assert (
+        error[5:8].max() < 6.0
+    )  # it seems converged; without a monitor it reaches 60 um at cycle 30 and 1 mm at cycle 50
     assert error.max() == error[0]
     assert error[-1] < 6.0
-    assert sum('the second time' in notice for notice in records.notices) == 4
+    assert sum('second divergence' in notice for notice in records.notices) == 4

@@ -1,4 +1,4 @@
-"""Learning laws of the user's: the two files of docs/own_law.md."""
+"""User-defined learning laws: the two files of docs/own_law.md."""
 
 import re
 from pathlib import Path
@@ -52,12 +52,12 @@ def test_own_law_learns_on_the_machine(write):
         ('law: my_law.py:MyLaw', '', ConfigError, 'mine.yaml: law: None given; expected one of'),
         ('my_law.py:MyLaw', 'your_law.py:MyLaw', ConfigError, 'your_law.py: no such file'),
         ('my_law.py:MyLaw', 'my_law.py:YourLaw', ConfigError, 'my_law.py has no class YourLaw derived from .*Law'),
-        ('my_law.py:MyLaw', 'my_law.py:Unfinished', ConfigError, r"lacks \['action', 'memory'\]"),
+        ('my_law.py:MyLaw', 'my_law.py:Unfinished', ConfigError, r"does not define \['action', 'memory'\]"),
         ('my_law.py:MyLaw', 'my_law.py:np', ConfigError, 'has no class np'),
         ('proportional', 'proportionate', ConfigError, "mine.yaml: unknown key 'proportionate'; known: "),
     ],
 )
-def test_own_law_that_cannot_serve_is_refused(write, old, new, error, words):
+def test_unfit_own_law_is_refused(write, old, new, error, words):
     path = write(PARAMETERS.replace(old, new))
     with pytest.raises(error, match=words):
         make_law(str(path), PLANAR, load_control(PLANAR))

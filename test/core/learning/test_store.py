@@ -1,4 +1,4 @@
-"""Learned feedforward on disk: it comes back as it went, and nothing else passes for it."""
+"""Learned feedforward on disk: round trip, and refusal of other origins and files."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def path(tmp_path):
     return tmp_path / 'learned.npz'
 
 
-def test_what_is_loaded_is_what_was_saved_bit_for_bit(path):
+def test_loaded_feedforward_has_the_bits_of_the_saved_one(path):
     expected = np.random.default_rng(6).standard_normal(TRAJECTORY.position.shape)
     np.testing.assert_array_equal(store.load(path, ORIGIN), expected)
     assert store.load_parameters(path, ORIGIN) == PARAMETERS
@@ -34,12 +34,12 @@ def test_what_is_loaded_is_what_was_saved_bit_for_bit(path):
 
 
 @pytest.mark.parametrize('field', ['machine', 'motion', 'sample_time', 'config', 'reference'])
-def test_feedforward_of_something_else_is_refused_by_what_differs(path, field):
+def test_feedforward_of_another_origin_is_refused_by_difference(path, field):
     with pytest.raises(LearningError, match=f'was learned for another {field} .*, here 7'):
         store.load(path, replace(ORIGIN, **{field: 7}))
 
 
-def test_feedforward_may_be_driven_under_another_law_but_parameters_may_not(path):
+def test_feedforward_but_not_parameters_loads_under_another_law(path):
     other = replace(ORIGIN, law='inverse')
     store.load(path, other)
     with pytest.raises(LearningError, match="another law 'basis', here 'inverse'"):
@@ -50,7 +50,7 @@ def test_parameters_hold_for_another_motion(path):
     assert store.load_parameters(path, replace(ORIGIN, motion='other', reference='0')) == PARAMETERS
 
 
-def test_origin_tells_machines_gains_and_motions_apart():
+def test_origin_differs_by_machine_gains_and_motion():
     softer = {joint: gains.model_copy(update={'kp': 0.9 * gains.kp}) for joint, gains in CONTROL.items()}
     other = store.origin_of(MACHINE, 'planar_80ms', 'basis', softer, TRAJECTORY)
     assert other.config != ORIGIN.config
@@ -63,10 +63,10 @@ def test_origin_tells_machines_gains_and_motions_apart():
 
 
 @pytest.mark.parametrize('content', [b'', b'no zip', b'PK\x03\x04 broken'])
-def test_file_that_is_none_is_refused(tmp_path, content):
+def test_file_of_another_kind_is_refused(tmp_path, content):
     path = tmp_path / 'wrong.npz'
     path.write_bytes(content)
-    with pytest.raises(LearningError, match=r'wrong.npz: (is no file of learned feedforward|cannot be read)'):
+    with pytest.raises(LearningError, match=r'wrong.npz: (is not a file of learned feedforward|cannot be read)'):
         store.load(path, ORIGIN)
 
 
@@ -74,20 +74,20 @@ def test_missing_file_and_foreign_archive_are_refused(tmp_path):
     with pytest.raises(LearningError, match='cannot be read: No such file'):
         store.load(tmp_path / 'none.npz', ORIGIN)
     np.savez(tmp_path / 'foreign.npz', a=np.zeros(3))
-    with pytest.raises(LearningError, match='is no file of learned feedforward'):
+    with pytest.raises(LearningError, match='is not a file of learned feedforward'):
         store.load(tmp_path / 'foreign.npz', ORIGIN)
 
 
 @pytest.mark.parametrize('feedforward', [np.full((4, 2), np.nan), np.zeros(4), np.zeros((4, 2), dtype=int)])
-def test_feedforward_that_cannot_be_driven_is_refused(tmp_path, feedforward):
+def test_feedforward_of_wrong_type_or_shape_is_refused(tmp_path, feedforward):
     store.save(tmp_path / 'odd.npz', store.Learned(ORIGIN, feedforward, {}))
-    with pytest.raises(LearningError, match='is not finite float64'):
+    with pytest.raises(LearningError, match='expected finite float64'):
         store.load(tmp_path / 'odd.npz', ORIGIN)
 
 
-def test_file_without_parameters_says_so(tmp_path):
+def test_file_without_parameters_is_refused_for_parameters(tmp_path):
     store.save(tmp_path / 'plain.npz', store.Learned(ORIGIN, np.zeros((4, 2)), {}))
-    with pytest.raises(LearningError, match='holds no parameters'):
+    with pytest.raises(LearningError, match='has no parameters'):
         store.load_parameters(tmp_path / 'plain.npz', ORIGIN)
 
 

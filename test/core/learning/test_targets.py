@@ -1,4 +1,4 @@
-"""What learning is to reach on the simulated machines: mean, 95 % and settling of the worst axis over five seeds."""
+"""Targets of learning on the simulated machines: mean, 95 % and settling of the worst axis over five seeds."""
 
 from functools import cache
 
@@ -14,7 +14,7 @@ from pkm_core.motion.trajectory import to_joints
 from pkm_core.simulation.cycles import run_cycles
 
 SEEDS = (1, 2, 3, 4, 5)
-CYCLES = 10  # converged ones, of each seed
+CYCLES = 10  # converged cycles of each seed
 MOTIONS = {'four_dof': 'four_dof_70ms', 'planar': 'planar_80ms'}
 UM = 1e6
 
@@ -52,19 +52,20 @@ def worst_axis(records, metric='max_dynamic_error'):
         ('planar', 'norm_optimal', 5, 1.2, 1.8),
     ],
 )
-def test_best_laws_reach_a_micrometre_within_a_few_updates(name, law, updates, mean, tail):
+def test_best_laws_reach_1_um_within_a_few_updates(name, law, updates, mean, tail):
     records = run(name, law, updates + CYCLES)
     error = UM * worst_axis(records)[:, updates:]
     assert error.mean() <= mean
     assert np.percentile(error, 95) <= tail
     assert (worst_axis(records, 'settling_time_5um')[:, updates:] == 0).all()
-    # the encoder's noise of +-1 count reaches 1 um now and then; a cycle in a hundred may look unsettled
+    # encoder noise of +-1 count occasionally reaches 1 um; 1 % of the cycles may seem unsettled
     assert (worst_axis(records, 'settling_time_1um')[:, updates:] == 0).mean() >= 0.98
     assert all(each.notices == () for each in records)
 
 
 @pytest.mark.parametrize(('name', 'limit'), [('four_dof', 2.0), ('planar', 2.5)])
-def test_thesis_law_on_the_thesis_loops_arrives_within_six_cycles_and_does_not_drift(name, limit):
+def test_thesis_law_converges_within_six_cycles_without_drift(name, limit):
+    """On the loops of the thesis."""
     records = run(name, 'fourier', 100, loops=f'{name}_thesis')
     error = UM * worst_axis(records)
     assert error[:, 5].mean() <= limit  # the sixth cycle
@@ -76,7 +77,7 @@ def test_thesis_law_on_the_thesis_loops_arrives_within_six_cycles_and_does_not_d
 
 
 @pytest.mark.parametrize(('name', 'limit'), [('four_dof', 3.5), ('planar', 5.0)])
-def test_best_law_in_the_hard_environment_is_limited_by_what_does_not_repeat(name, limit):
+def test_hard_environment_limits_learning_to_what_repeats(name, limit):
     records = run(name, 'inverse', 20 + CYCLES, 'hard')
     assert UM * worst_axis(records)[:, 20:].mean() <= limit
     assert (worst_axis(records, 'settling_time_5um')[:, 20:] == 0).all()
@@ -93,7 +94,7 @@ def test_shorter_moves_of_the_same_length_are_learned_too(name, move_time, limit
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_fifty_random_machines_are_learned_and_none_diverges(name):
+def test_learning_converges_on_fifty_random_machines(name):
     machine = load_machine(name)
     control = load_control(machine)
     found = study(machine, reference(name), control, make_law('inverse', machine, control), machines=50, cycles=20)
@@ -102,5 +103,5 @@ def test_fifty_random_machines_are_learned_and_none_diverges(name):
     assert error.max() <= 3.5
     assert (found.settling_time_5um[:, -CYCLES:] == 0).all()
     assert found.notices == ()
-    # they do differ: before learning by more than twice
+    # the machines differ: before learning by more than a factor of two
     assert found.error[:, 0].max() > 2 * found.error[:, 0].min()

@@ -1,4 +1,4 @@
-"""The description of a machine: its tree stands where the kinematics say, and the URDF files follow from it."""
+"""The description of a machine: its tree agrees with the kinematics, and the URDF files are generated from it."""
 
 from pathlib import Path
 from xml.etree import ElementTree
@@ -21,12 +21,12 @@ def machine(request):
 
 
 def positions_within(machine, count):
-    """Return `count` joint positions of the travel, the same at every run."""
+    """Return `count` joint positions in the travel, the same in every run."""
     span = machine.limits.upper - machine.limits.lower
     return machine.limits.lower + span * np.random.default_rng(1).uniform(size=(count, len(machine.joints)))
 
 
-def test_tool_stands_where_the_forward_kinematics_say(machine):
+def test_tool_frame_is_the_forward_kinematics(machine):
     for q in positions_within(machine, 20):
         turn, origin = frames(links(machine), joint_positions(machine, q))['tool']
         pose = dict(zip(machine.coordinates, machine.forward(q), strict=True))
@@ -56,7 +56,7 @@ def test_cut_loops_are_closed(name, bar, length, meets):
         assert end == pytest.approx(found[meets][1], abs=EXACT)
 
 
-def test_urdf_is_one_tree_that_joint_states_can_move(machine):
+def test_urdf_is_one_tree_driven_by_joint_states(machine):
     robot = ElementTree.fromstring(urdf(machine).encode())
     joints = robot.findall('joint')
     children = [joint.find('child').get('link') for joint in joints]

@@ -19,7 +19,7 @@ def with_changes(machine, **parts):
 
 
 def with_distinct_numbers(machine):
-    """Return the machine with no two masses, inertias or centres alike, so that no mix-up of links stays hidden."""
+    """Return the machine with all masses, inertias and centres different: swapped links change the result."""
     rng = np.random.default_rng(3)
     parts = {}
     for part, prefix in (('masses', 'm'), ('inertias', 'I'), ('geometry', 'r')):
@@ -126,7 +126,7 @@ def test_planar_terms_reach_worked_example(q, qd, mp, M, C3):
     np.testing.assert_array_equal(machine.gravity(q), [0.0, 0.0])
 
 
-def test_xy_stage_pushes_the_whole_y_axis_along_x():
+def test_xy_stage_moves_the_whole_y_axis_along_x():
     np.testing.assert_allclose(XY_STAGE.inverse_dynamics([0.01, 0.02], [0.1, 0.2], [1.0, 1.0]), [8.2, 3.0])
 
 
@@ -208,14 +208,14 @@ def test_bias_is_that_of_the_mass_matrix(machine):
 
 
 @every_machine
-def test_mass_matrix_is_symmetric_and_positive_definite_over_the_travel(machine):
+def test_mass_matrix_is_symmetric_and_positive_definite(machine):
     M = machine.mass_matrix(np.concatenate([travel_corners(machine), random_state(machine, 2000)[0]]))
     np.testing.assert_array_equal(M, np.swapaxes(M, -1, -2))
     assert np.linalg.eigvalsh(M).min() > 0.4  # a slider alone weighs 0.7 kg, 0.49 kg with distinct numbers
 
 
-def test_four_dof_mass_is_largest_where_the_end_effector_is_highest():
-    # range of a 17^4 grid over the travel, at its corners: PQ is longest in the one, shortest in the other
+def test_four_dof_mass_is_largest_at_the_highest_end_effector():
+    # extremes of a 17^4 grid over the travel, at its corners: PQ is longest in one, shortest in the other
     lightest = np.linalg.eigvalsh(FOUR_DOF.mass_matrix([0.0995, 0.1195, 0.1195, 0.0995]))[0]
     heaviest = np.linalg.eigvalsh(FOUR_DOF.mass_matrix([0.0595, 0.1195, 0.1195, 0.0595]))[-1]
     assert (lightest, heaviest) == pytest.approx((0.72870389, 1.34801676), rel=1e-8)
@@ -223,7 +223,7 @@ def test_four_dof_mass_is_largest_where_the_end_effector_is_highest():
 
 @every_machine
 def test_free_motion_conserves_energy(machine):
-    """0.5 s inside the travel, all sliders at other speeds; gravity and every bias term take part."""
+    """0.5 s inside the travel, all sliders at different speeds; gravity and every bias term contribute."""
     n = len(machine.joints)
     p, M, C, G = machine.dynamic_parameters(), np.empty((n, n)), np.empty(n), np.empty(n)
 
@@ -242,7 +242,7 @@ def test_free_motion_conserves_energy(machine):
     potential = energies(machine, q, qd)[1] if n == 4 else 0.0
     total = kinetic + potential
     assert np.abs(total - total[0]).max() < 1e-8 * kinetic[0]
-    assert n == 2 or np.ptp(potential) > 0.01 * kinetic[0]  # energy did change hands
+    assert n == 2 or np.ptp(potential) > 0.01 * kinetic[0]  # kinetic and potential energy were exchanged
 
 
 @every_machine
@@ -255,7 +255,7 @@ def test_inverse_dynamics_is_the_sum_of_its_terms(machine):
 
 @every_machine
 def test_kernel_and_vectorised_terms_give_the_same_bits(machine):
-    """The plant calls the kernel, controllers the method: both must see one machine."""
+    """The plant calls the kernel, controllers the method: both must compute the same machine."""
     (q,), (qd,) = random_state(machine, 1)
     n = len(machine.joints)
     M, C, G = np.full((n, n), np.nan), np.full(n, np.nan), np.full(n, np.nan)

@@ -14,7 +14,7 @@ from pkm_core.machines.built import FourDofBuilt
 
 MACHINES = {name: load_machine(name) for name in ('four_dof', 'planar', 'xy_stage')}
 FOUR_DOF, PLANAR = MACHINES['four_dof'], MACHINES['planar']
-# built a tenth of a millimetre off, each length by another amount
+# built with errors of some 0.1 mm, a different one for each length
 OFF = {'l2': 1e-4, 'l4': -0.7e-4, 'l6': 0.4e-4, 'l8': -1.1e-4, 'k10': 0.9e-4, 'k12': -0.6e-4, 'dx': 0.5e-4}
 OFF |= {'dy': -0.3e-4, 'dz': 0.8e-4, 'd1': 0.6e-4, 'd3': -0.2e-4, 'd5': 0.1e-4, 'd7': -0.4e-4}
 BUILT = built_machine(FOUR_DOF, OFF)
@@ -83,7 +83,7 @@ def test_leading_axes_are_samples(machine):
     np.testing.assert_array_equal(x[1, 2], machine.forward(q[1, 2]))
     np.testing.assert_array_equal(machine.inverse(x)[1, 2], machine.inverse(x[1, 2]))
     np.testing.assert_array_equal(machine.singularity_margin(q)[1, 2], machine.singularity_margin(q[1, 2]))
-    # matrix products of one and of many may be summed in another order
+    # matrix products of one row and of many may be summed in a different order
     np.testing.assert_allclose(machine.jacobian(q)[1, 2], machine.jacobian(q[1, 2]), rtol=1e-15)
     np.testing.assert_array_equal(machine.mass_matrix(q)[1, 2], machine.mass_matrix(q[1, 2]))
     np.testing.assert_array_equal(machine.bias(q, qd)[1, 2], machine.bias(q[1, 2], qd[1, 2]))
@@ -131,7 +131,7 @@ def test_jets_keep_motion_through_inverse_and_back(machine):
     motion = (q, *(scale * rng.standard_normal(q.shape) for scale in (0.2, 10.0, 1000.0)))
     again = machine.inverse(machine.forward(Jet.from_derivatives(*motion))).derivatives()
     for came, wanted, scale in zip(again, motion, (0.1, 0.2, 10.0, 1000.0), strict=True):
-        # there and back through a Jacobian of condition up to 60
+        # inverse and forward, through a Jacobian of condition up to 60
         np.testing.assert_allclose(came, wanted, rtol=0, atol=1e-11 * scale)
 
 
@@ -151,7 +151,7 @@ def test_jets_of_inverse_agree_with_differences_along_a_motion():
 
 
 @pytest.mark.parametrize('machine', [FOUR_DOF, BUILT], ids=['drawn', 'built'])
-def test_links_drawn_at_their_passive_angles_meet(machine):
+def test_links_at_their_passive_angles_close_the_loops(machine):
     q = random_joints(machine, 100)
     angle = machine.passive_angles(q)
     g = machine.config.built or FourDofBuilt.as_drawn(machine.config.geometry)
@@ -170,7 +170,8 @@ def test_links_drawn_at_their_passive_angles_meet(machine):
 
 
 @pytest.mark.parametrize('name', ['four_dof', 'planar'])
-def test_built_machine_reads_the_pose_of_the_specimen_and_knows_its_drawing(name):
+def test_built_machine_has_the_pose_of_the_specimen(name):
+    """Forward kinematics of measured lengths; `drawing` is the nominal machine."""
     drawn, built = MACHINES[name], MACHINES[f'{name} built']
     q = random_joints(drawn, 100)
     own = {*built.joints, *type(built.config.built).model_fields}
@@ -240,7 +241,7 @@ REFUSED_JOINTS = [
 
 @pytest.mark.parametrize(('q', 'reason'), REFUSED_JOINTS)
 @pytest.mark.parametrize('method', ['forward', 'jacobian', 'singularity_margin', 'mass_matrix', 'gravity'])
-def test_torn_or_crossed_sliders_are_refused_by_every_method(method, q, reason):
+def test_every_method_refuses_unreachable_joint_positions(method, q, reason):
     with pytest.raises(WorkspaceError) as refused:
         getattr(PLANAR, method)(q)
     assert reason in str(refused.value)

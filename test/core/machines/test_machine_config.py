@@ -1,4 +1,4 @@
-"""The machine files: what they say, and what is refused in them."""
+"""The machine files: their values, and what is refused in them."""
 
 import re
 
@@ -26,7 +26,7 @@ def edited(tmp_path):
     return write
 
 
-def test_four_dof_file_holds_the_nominal_facts():
+def test_four_dof_file_has_the_nominal_values():
     machine = load_machine('four_dof')
     assert (machine.name, machine.joints) == ('four_dof', ('d1', 'd3', 'd5', 'd7'))
     assert machine.coordinates == ('x', 'y', 'z', 'phi')
@@ -41,12 +41,12 @@ def test_four_dof_file_holds_the_nominal_facts():
     assert machine.limits.speed == 0.8
 
 
-def test_amplifier_of_the_xy_stage_limits_below_its_full_range():
+def test_xy_stage_amplifier_limits_below_its_full_range():
     stage = load_machine('xy_stage')
     assert stage.limits.thrust / stage.thrust_per_volt == pytest.approx(2.4)  # [V], at 12 A of Table 7.4
 
 
-def test_machine_of_a_path_is_called_like_its_file(edited):
+def test_machine_of_a_path_has_the_name_of_its_file(edited):
     machine = load_machine(edited('planar', 'mp: 0.034 kg', 'mp: 40 g'))
     assert machine.name == 'edited'
     assert machine.config.masses.mp == pytest.approx(0.040)
@@ -89,8 +89,8 @@ REFUSED = [
     ('four_dof', D1, D1.replace('79.5', '100'), 'joints.d1: home 100 mm; allowed 59.5 to 99.5 mm'),
     ('four_dof', D1, D1.replace('99.5', '120'), 'joints.d1.upper 120 mm; allowed below joints.d3.lower 119.5 mm (2.4)'),
     ('four_dof', D1, D1.replace('59.5', '10'), 'joints.d3.upper 159.5 mm; allowed below joints.d1.lower + 2 l2 = 150'),
-    ('four_dof', 'dx: 10 mm', 'dx: 30 mm', 'lets x1 - x2 fall to -9.78'),
-    ('four_dof', 'dy: 10 mm', 'dy: 30 mm', 'lets y2 - y1 fall to -9.78'),
+    ('four_dof', 'dx: 10 mm', 'dx: 30 mm', 'least x1 - x2 in the travel is -9.78'),
+    ('four_dof', 'dy: 10 mm', 'dy: 30 mm', 'least y2 - y1 in the travel is -9.78'),
     ('four_dof', 'k10: 116.6 mm', 'k10: 45 mm', 'r10 64.35 mm; allowed 0 to k10 45 mm'),
     ('planar', 'l2: 70 mm', 'l2: 49 mm', 'joints.d3.upper 159.5 mm; allowed below joints.d1.lower + 2 l2 = 157.5 mm'),
     ('planar', 'mechanism: planar', 'mechanism: delta', "mechanism: 'delta' given; known: ['four_dof', 'planar', "),
@@ -100,7 +100,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(('name', 'old', 'new', 'reason'), REFUSED, ids=[entry[2] for entry in REFUSED])
-def test_bad_value_is_refused_with_file_key_value_and_allowed_range(edited, name, old, new, reason):
+def test_bad_value_is_refused_with_file_key_value_and_range(edited, name, old, new, reason):
     path = edited(name, old, new)
     with pytest.raises(ConfigError) as refused:
         load_machine(path)
@@ -115,7 +115,7 @@ def test_rods_too_short_for_the_travel_are_refused(tmp_path):
     path = tmp_path / 'short.yaml'
     path.write_text(text)
     # longest PQ in the travel: 70.5 mm on each axis, 99.7 mm
-    with pytest.raises(ConfigError, match=r'lets PQ grow to 99\.7.* mm; allowed below 2 k10 = 90 mm'):
+    with pytest.raises(ConfigError, match=r'largest PQ in the travel is 99\.7.* mm; allowed below 2 k10 = 90 mm'):
         load_machine(path)
 
 

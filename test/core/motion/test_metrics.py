@@ -1,4 +1,4 @@
-"""Metrics of error sequences made by hand: Ts = 1 ms, one or two moves."""
+"""Metrics of hand-made error sequences: Ts = 1 ms, one or two moves."""
 
 import math
 
@@ -23,7 +23,7 @@ def test_dynamic_error_counts_from_start_to_end_of_profile_only():
 
 
 @pytest.mark.parametrize('sample', [2, 5])
-def test_dynamic_error_includes_the_first_and_the_last_sample_of_a_move(sample):
+def test_dynamic_error_includes_first_and_last_sample_of_a_move(sample):
     error = np.zeros(8)
     error[sample] = -7 * UM
     assert axis_metrics(error, [2], [5], TS).max_dynamic_error == pytest.approx(7 * UM)
@@ -41,7 +41,7 @@ def test_settling_is_zero_when_inside_from_the_profile_end_on():
     assert metrics.settling_time_1um == pytest.approx(2 * TS)
 
 
-def test_settling_counts_to_the_sample_after_the_last_one_outside():
+def test_settling_ends_one_sample_after_the_last_one_outside():
     assert one_move([9, 1, 1, -6, 4, 4]).settling_time_5um == pytest.approx(4 * TS)
 
 
@@ -61,13 +61,13 @@ def test_settling_is_the_worst_of_all_moves_and_nan_is_worst():
 
 def test_rest_ends_before_the_next_move():
     error = np.zeros(40)
-    error[22] = 9 * UM  # the second move's first sample is no part of the first rest
+    error[22] = 9 * UM  # the first sample of the second move is not in the first rest
     metrics = axis_metrics(error, [2, 22], [5, 25], TS)
     assert metrics.settling_time_5um == 0.0
     assert metrics.steady_state_error == 0.0
 
 
-def test_steady_state_is_the_signed_mean_of_the_last_ten_milliseconds():
+def test_steady_state_is_the_signed_mean_of_the_last_10_ms():
     rest = np.concatenate([np.full(20, 50.0), np.tile([-3.0, -1.0], 5)])
     assert one_move(rest).steady_state_error == pytest.approx(-2 * UM)
 

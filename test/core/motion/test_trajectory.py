@@ -1,4 +1,4 @@
-"""Profiles, the planning of motions, and what is refused on the way to the joints."""
+"""Profiles, planning of motions, and the refusals on conversion to joints."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -65,7 +65,7 @@ def test_s4_switches_one_snap():
     jerk = unit_profile('s4', np.linspace(0, 1, 2001))[3]
     snap = np.diff(jerk) * 2000
     assert np.abs(snap).max() == pytest.approx(384, rel=1e-9)
-    assert (np.abs(np.abs(snap) - 384) < 1e-6).sum() >= 1997  # all but the three steps with a switch inside
+    assert (np.abs(np.abs(snap) - 384) < 1e-6).sum() >= 1997  # except the three steps that contain a switch
 
 
 def test_s3_switches_one_jerk():
@@ -84,7 +84,7 @@ def test_default_cycle_has_the_documented_timing():
     assert not joints.velocity[520:].any()
 
 
-def test_way_through_poses_keeps_the_joint_profile_up_to_the_jerk():
+def test_conversion_from_poses_keeps_the_profile_up_to_jerk():
     joints = to_joints(FOUR_DOF, plan(FOUR_DOF, DEFAULT))
     s = np.arange(141) / 140
     for order, derivative in enumerate(joints.derivatives()):
@@ -104,7 +104,7 @@ def test_every_configured_motion_can_be_planned_and_returns_home(path):
     np.testing.assert_allclose(joints.position[[0, -1]], [machine.home, machine.home], atol=1e-12)
 
 
-def test_poses_are_visited_in_order_and_home_is_the_end():
+def test_poses_are_visited_in_order_and_the_end_is_home():
     poses = FOUR_DOF.forward(FOUR_DOF.home + np.array([[2, -3, 1, 4], [-5, 2, 6, -1]]) * MM)
     trajectory = plan(FOUR_DOF, poses_motion(FOUR_DOF, poses, 0.05))
     assert (trajectory.move_ends - trajectory.move_starts).tolist() == [100, 100, 100]
@@ -113,7 +113,7 @@ def test_poses_are_visited_in_order_and_home_is_the_end():
     np.testing.assert_allclose(trajectory.position[0], home, atol=1e-12)
 
 
-def test_poses_motion_takes_the_default_move_time_when_none_is_given():
+def test_poses_motion_has_the_default_move_time():
     assert poses_motion(PLANAR, [PLANAR.forward(PLANAR.home)]).move_time == 70e-3
 
 
@@ -125,7 +125,11 @@ def test_poses_motion_takes_the_default_move_time_when_none_is_given():
         (np.zeros((0, 2)), 0.07, r'poses have shape \(0, 2\)'),
         ([[0.1, 0.07]], -0.07, 'move time is -0.07 s'),
         ([[0.1, 0.07]], np.nan, 'move time is nan s'),
-        ([[0.1, 0.07]], 10.0, 'move time is 10 s; with their rests the 2 moves of a cycle take 20.2 s, allowed 20 s'),
+        (
+            [[0.1, 0.07]],
+            10.0,
+            'move time is 10 s; with their rests the 2 moves of a cycle take 20.2 s; allowed up to 20 s',
+        ),
         ([[0.1, 0.07]] * 150, None, 'move time is 0.07 s; with their rests the 151 moves of a cycle take 25.67 s'),
     ],
 )
@@ -134,23 +138,23 @@ def test_unfit_poses_are_refused(poses, move_time, reason):
         poses_motion(PLANAR, poses, move_time)
 
 
-def test_motion_longer_than_a_trajectory_may_be_is_refused_with_its_length(tmp_path):
+def test_too_long_a_motion_is_refused_with_its_duration(tmp_path):
     text = (
         (Configuration.of_environment().folder / 'motions' / 'planar_80ms.yaml')
         .read_text()
         .replace('move_time: 80 ms', 'move_time: 1 min')
     )
     (tmp_path / 'slow.yaml').write_text(text)
-    with pytest.raises(ConfigError, match=r'slow.yaml: move time is 60 s; .* take 120.2 s, allowed 20 s'):
+    with pytest.raises(ConfigError, match=r'slow.yaml: move time is 60 s; .* take 120.2 s; allowed up to 20 s'):
         load_motion(tmp_path / 'slow.yaml')
 
 
-def test_target_outside_the_workspace_is_refused_by_its_number():
+def test_target_out_of_reach_is_refused_with_its_number():
     with pytest.raises(WorkspaceError, match='target 1: '):
         plan(PLANAR, poses_motion(PLANAR, [PLANAR.forward(PLANAR.home), [0.1, 0.2]]))
 
 
-def test_joint_leaving_its_travel_is_refused_with_sample_and_numbers():
+def test_move_beyond_the_travel_is_refused_with_sample_and_range():
     with pytest.raises(WorkspaceError, match=r'row \d+: d1 = 99\.\d+ mm; allowed 59.5 to 99.5 mm'):
         plan(FOUR_DOF, moved({'d1': 25 * MM}))
 
@@ -160,14 +164,15 @@ def test_too_fast_a_move_is_refused_with_sample_and_numbers():
         plan(FOUR_DOF, moved({'d3': 20 * MM}, move_time=50e-3))  # peak 2.19 d/T = 0.875 m/s
 
 
-def test_move_beyond_the_thrust_is_refused_with_sample_and_numbers():
+def test_move_beyond_the_thrust_is_refused_with_sample_and_force():
     with pytest.raises(TrajectoryError, match=r'd\d at sample \d+ needs 1\d\d\.\d N; allowed 110\.\d+ N'):
         plan(FOUR_DOF, moved({'d1': 5 * MM, 'd3': 5 * MM, 'd5': 5 * MM, 'd7': 5 * MM}, move_time=15e-3))
 
 
 @pytest.mark.parametrize('name', SHAPES)
 @pytest.mark.parametrize('order', [1, 2, 3, 4])
-def test_limited_move_reaches_its_limit_within_a_sample_and_keeps_it(name, order):
+def test_limited_move_reaches_and_keeps_its_limit(name, order):
+    """Within one sample of the duration."""
     limited = ('speed', 'acceleration', 'jerk', 'snap')[order - 1]
     limits = MotionLimits(**{limited: {1: 0.2, 2: 5.0, 3: 500.0, 4: 1e5}[order]})
     if (name, limited) == ('s3', 'snap'):
@@ -181,17 +186,17 @@ def test_limited_move_reaches_its_limit_within_a_sample_and_keeps_it(name, order
     def peak(samples):
         return np.abs(derivative).max() * 0.01 / (samples * 0.5e-3) ** order
 
-    # sampled in 4000 steps, so a smooth peak may be missed by 1e-6, the snap of p7 at its very end by 3e-3
+    # 4000 samples miss a smooth peak by up to 1e-6, and the snap of p7 at its end by 3e-3
     assert peak(samples) <= getattr(limits, limited) * (1 + 1e-9)
     assert peak(samples - 1) > getattr(limits, limited) * (1 - 4e-3)
 
 
-def test_ruckig_keeps_all_three_limits_and_reaches_them_on_a_long_move():
+def test_ruckig_keeps_three_limits_and_reaches_them_if_long():
     limits = MotionLimits(speed=0.1, acceleration=5.0, jerk=500.0)
     motion = moved({'d1': 15 * MM, 'd3': -3 * MM}, profile='ruckig', limits=limits)
     joints = to_joints(FOUR_DOF, plan(FOUR_DOF, motion))
     for derivative, limit in zip(joints.derivatives()[1:], (0.1, 5.0, 500.0), strict=True):
-        # the duration is stretched to whole samples, by less than 1 in 300 of them
+        # rounding up to whole samples lengthens the move by less than 1 in 300
         assert 0.98 * limit < np.abs(derivative[:, 0]).max() <= limit * (1 + 1e-9)
         np.testing.assert_allclose(derivative[:, 1], -0.2 * derivative[:, 0], atol=1e-9 * limit)  # synchronised
     np.testing.assert_allclose(joints.position[joints.move_ends[0]] - FOUR_DOF.home, [0.015, -0.003, 0, 0], atol=1e-12)
@@ -202,7 +207,7 @@ def test_derivatives_of_a_ruckig_move_are_its_derivatives():
     samples, profile = limited_profile('ruckig', limits, 0.01, 0.5e-3, 20.0)
     for lower, higher in pairwise(profile[:3]):
         slope = np.diff(lower) * samples
-        # the trapezoidal rule is off by the step of the next derivative over 8 samples
+        # error of the trapezoidal rule: the step of the next derivative over 8 samples
         tolerance = np.abs(np.diff(higher)).max() / 8 + 1e-9
         np.testing.assert_allclose((higher[1:] + higher[:-1]) / 2, slope, atol=tolerance)
 
@@ -224,7 +229,8 @@ def arc(via, to, machine='four_dof', **timing):
     return Motion(machine=machine, targets=(Target(arc=target),), **timing)
 
 
-def test_arc_keeps_its_radius_passes_its_via_point_and_turns_phi_evenly():
+def test_arc_keeps_its_radius_and_passes_its_via_point():
+    """phi changes in proportion to the path."""
     x, y, z, phi = HOME
     motion = arc([x + 1 * MM, y - 1 * MM, z], [x + 2 * MM, y, z, phi + 0.02])  # half a circle of 1 mm, below
     trajectory = plan(FOUR_DOF, motion)
@@ -241,7 +247,7 @@ def test_arc_of_a_plane_machine_may_be_more_than_half_a_circle():
     trajectory = plan(PLANAR, arc([x, y - 2 * MM], [x + 1 * MM, y - 1 * MM], machine='planar'))
     moving = trajectory.position[40:181]
     np.testing.assert_allclose(np.linalg.norm(moving - [x, y - 1 * MM], axis=1), 1 * MM, atol=1e-13)
-    assert moving[:, 0].min() == pytest.approx(x - 1 * MM, abs=1e-6)  # the other way round: start, left, via, end
+    assert moving[:, 0].min() == pytest.approx(x - 1 * MM, abs=1e-6)  # the longer way: start, left, via, end
     speed = np.linalg.norm(trajectory.velocity[40:181], axis=1)
     assert speed.max() == pytest.approx(35 / 16 * 1.5 * np.pi * MM / 70e-3, rel=1e-4)
 
@@ -252,13 +258,13 @@ def test_path_that_leaves_the_workspace_is_refused_by_its_target():
         plan(FOUR_DOF, arc([x + 30 * MM, y + 30 * MM, z], [x + 1 * MM, y, z, phi]))
 
 
-def test_motion_that_ends_at_home_has_no_way_home():
+def test_motion_that_ends_at_home_has_no_return_move():
     there, back = Target(by={'d1': 2 * MM}), Target(by={'d1': -2 * MM})
     trajectory = plan(FOUR_DOF, Motion(machine='four_dof', targets=(there, back)))
     assert len(trajectory.move_ends) == 2
 
 
-def test_every_move_takes_the_time_its_length_needs():
+def test_limits_give_each_move_the_time_of_its_length():
     targets = (Target(by={'d1': 1 * MM}), Target(by={'d1': 15 * MM}))
     motion = Motion(machine='four_dof', targets=targets, limits=MotionLimits(acceleration=5.0))
     trajectory = plan(FOUR_DOF, motion)
@@ -270,8 +276,8 @@ def test_every_move_takes_the_time_its_length_needs():
     ('motion', 'reason'),
     [
         (arc([*HOME[:3], 0.1], HOME), r"target 0: via: names .*'phi'.*; expected"),
-        (arc(HOME[:3] + 0.5 * DIAGONAL[:3], HOME + DIAGONAL), 'target 0: the start, via and the end'),
-        (moved({}, limits=MotionLimits(speed=0.1)), 'target 0: nothing moves by a length'),
+        (arc(HOME[:3] + 0.5 * DIAGONAL[:3], HOME + DIAGONAL), 'target 0: start, via and end of the arc'),
+        (moved({}, limits=MotionLimits(speed=0.1)), 'target 0: no length changes'),
         (moved({'d1': MM}, move_time=70.2e-3), 'move_time is 70.2 ms; expected a multiple of 0.5 ms'),
         (moved({'d2': MM}), r"target 0: names \['d2'\]; known: \['d1', 'd3', 'd5', 'd7'\]"),
         (load_motion('planar_80ms'), 'motion is for planar; the machine is four_dof'),
@@ -291,12 +297,15 @@ def test_unfit_motion_is_refused(motion, reason):
     [
         ('targets: []', 'targets'),
         ('targets: [{by: {d1: 5}}]', 'no unit'),
-        ('targets: [{}]', "one of 'by'"),
-        ('targets: [{by: {d1: 5 mm}, line: {x: 90 mm, y: 90 mm}}]', "one of 'by'"),
-        ('targets: [{by: {d1: 5 mm}}]\nmove_time: 70 ms\nlimits: {speed: 0.1 m/s}', "either 'move_time' or 'limits'"),
+        ('targets: [{}]', "exactly one of 'by'"),
+        ('targets: [{by: {d1: 5 mm}, line: {x: 90 mm, y: 90 mm}}]', "exactly one of 'by'"),
+        ('targets: [{by: {d1: 5 mm}}]\nmove_time: 70 ms\nlimits: {speed: 0.1 m/s}', "both 'move_time' and 'limits'"),
         ('targets: [{by: {d1: 5 mm}}]\nlimits: {}', 'at least one of'),
         ('targets: [{by: {d1: 5 mm}}]\nlimits: {jerk: 5 m/s^2}', 'limits.jerk'),
-        ('targets: [{by: {d1: 5 mm}}]\nprofile: ruckig', "'ruckig' takes limits of speed, acceleration and jerk"),
+        (
+            'targets: [{by: {d1: 5 mm}}]\nprofile: ruckig',
+            "'ruckig' takes exactly the limits speed, acceleration and jerk",
+        ),
         ('targets: [{by: {d1: 5 mm}}]\nmove_time: 0 s', 'move_time'),
         ('targets: [{by: {d1: 5 mm}}]\nprofile: p5', 'profile'),
     ],
@@ -308,7 +317,8 @@ def test_unfit_motion_file_is_refused(tmp_path, line, reason):
         load_motion(path)
 
 
-def test_value_that_is_not_finite_is_refused_with_sample_and_coordinate():
+def test_value_that_is_not_finite_is_refused_with_its_sample():
+    """The coordinate is named too."""
     trajectory = plan(FOUR_DOF, DEFAULT)
     position = trajectory.position.copy()
     position[17, 2] = np.nan

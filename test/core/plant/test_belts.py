@@ -1,4 +1,4 @@
-"""Belt elasticity: agrees with the rigid machine, keeps energy, stays within the thesis's figures."""
+"""Belt elasticity: agreement with the rigid machine, energy, and the figures of the thesis."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def terms(kernel, q, qd, p):
 
 
 @pytest.mark.parametrize('slender', [0.0, 1.0])
-def test_stiff_belts_leave_the_rigid_machine(slender):
+def test_stiff_belts_give_the_rigid_machine(slender):
     machine = load_machine('four_dof')
     p = machine.dynamic_parameters()
     p[machine.parameters.index('slender')] = slender
@@ -31,7 +31,7 @@ def test_stiff_belts_leave_the_rigid_machine(slender):
             np.testing.assert_allclose(other[(slice(4),) * one.ndim], one, atol=1e-14)
 
 
-def test_undamped_belts_keep_energy():
+def test_undamped_belts_conserve_energy():
     machine = load_machine('four_dof')
     p = np.append(machine.dynamic_parameters(), [100.0, 0.0])
     geometry, masses = machine.config.geometry, machine.config.masses
@@ -55,7 +55,7 @@ def test_undamped_belts_keep_energy():
 
 
 @pytest.mark.parametrize(('rate', 'lag'), [(89.8, 30), (89.8, 330), (125.7, 150), (125.7, 210)])
-def test_platforms_turn_by_less_than_0p03_deg_and_return(rate, lag):
+def test_platforms_rotate_by_less_than_0p03_deg_and_return(rate, lag):
     # the force profiles of (5.22)-(5.25), 10.5 N, one period; bound from thesis 5.6
     plant = Plant(load_machine('four_dof'), 1, 'elastic')
     rest, largest = plant.truth.belts, 0.0

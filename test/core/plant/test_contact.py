@@ -1,4 +1,4 @@
-"""What ends a motion: stops, collisions, the brake."""
+"""Stops, collisions and the brake."""
 
 import shutil
 from itertools import product
@@ -19,7 +19,7 @@ def play(plant, volts):
         plant.tick(row)
 
 
-def test_contact_pushes_only_while_it_touches_and_never_pulls():
+def test_contact_force_acts_in_contact_only_and_never_pulls():
     assert contact_force(-1e-6, 1.0, 1e6, 1.0) == 0.0
     assert contact_force(1e-3, 0.0, 1e6, 1.0) == 1000.0
     assert contact_force(1e-3, 0.5, 1e6, 1.0) == 1500.0
@@ -27,7 +27,8 @@ def test_contact_pushes_only_while_it_touches_and_never_pulls():
 
 
 @pytest.mark.parametrize('signs', list(product((-1.0, 1.0), repeat=4)))
-def test_full_voltage_into_any_stop_ends_in_a_fault_and_finite_numbers(signs):
+def test_full_voltage_into_a_stop_is_a_fault_with_finite_state(signs):
+    """Every combination of signs of the voltages."""
     plant = Plant(load_machine('four_dof'), 1, 'nominal')
     play(plant, np.tile(10.0 * np.array(signs), (400, 1)))
     assert 'ran into its' in plant.fault
@@ -39,7 +40,7 @@ def test_full_voltage_into_any_stop_ends_in_a_fault_and_finite_numbers(signs):
     assert (truth.q < limits.upper + 3e-3).all()
 
 
-def test_fault_names_joint_place_and_travel():
+def test_fault_names_joint_position_and_travel():
     plant = Plant(load_machine('planar'), 1, 'ideal')
     play(plant, np.tile([0.0, 3.0], (300, 1)))
     assert 'd3 ran into its upper stop at 16' in plant.fault
@@ -48,10 +49,10 @@ def test_fault_names_joint_place_and_travel():
     assert plant.fault is None
 
 
-def test_carriages_that_meet_are_a_collision(tmp_path):
+def test_carriages_that_touch_are_a_collision_fault(tmp_path):
     shutil.copytree(Configuration.of_environment().folder, tmp_path, dirs_exist_ok=True)
     path = tmp_path / 'truth' / 'four_dof.yaml'
-    # longer than the gap of 20 mm that the stops leave
+    # longer than the gap of 20 mm between the stops
     path.write_text(path.read_text().replace('carriage_length: 15 mm', 'carriage_length: 40 mm'))
     plant = Plant(load_machine('four_dof', Configuration(tmp_path)), 1, 'ideal')
     play(plant, np.tile([2.0, -2.0, 0.0, 0.0], (300, 1)))
@@ -61,7 +62,7 @@ def test_carriages_that_meet_are_a_collision(tmp_path):
 
 
 @pytest.mark.parametrize('name', MACHINES)
-def test_brake_stops_the_moving_machine_without_volts(name):
+def test_brake_stops_the_moving_machine_without_commands(name):
     plant = Plant(load_machine(name), 1, 'nominal')
     play(plant, np.tile(np.where(np.arange(len(plant.machine.joints)) % 2, -1.5, 1.5), (40, 1)))
     speed = np.abs(plant.truth.qd).max()
@@ -72,14 +73,15 @@ def test_brake_stops_the_moving_machine_without_volts(name):
     assert plant.fault is None
 
 
-def test_brake_force_is_that_of_shorted_phases_behind_their_time_constant():
+def test_brake_force_follows_the_winding_time_constant():
+    """Braking force of shorted phases, behind their lag L/R."""
     plant = Plant(load_machine('xy_stage'), 1, 'ideal')
     play(plant, np.vstack([np.tile([2.0, 0.0], (40, 1)), np.zeros((4, 2))]))
     next(iter(plant.brake(1)))
     early = plant.truth.thrust[0] / plant.truth.qd[0]
     list(plant.brake(9))
     late = plant.truth.thrust[0] / plant.truth.qd[0]
-    # Kf^2 / (1.5 R) = 12.5^2 / (1.5 * 0.48) = 217 N s/m; L/R = 0.375 ms lets 1 - exp(-0.484/0.375) come up in one tick,
-    # less what the carriage slows down: 217 N s/m on 8.2 kg is 26 /s, 1 % over the lag
+    # Kf^2 / (1.5 R) = 12.5^2 / (1.5 * 0.48) = 217 N s/m; L/R = 0.375 ms gives 1 - exp(-0.484/0.375) in one tick,
+    # less the deceleration of the carriage: 217 N s/m on 8.2 kg is 26 /s, 1 % over the lag
     assert early == pytest.approx(-217.0 * (1.0 - np.exp(-0.484 / 0.375)), rel=0.02)
     assert late == pytest.approx(-217.0, rel=0.02)

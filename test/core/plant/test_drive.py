@@ -38,7 +38,7 @@ def test_converter_rounds_to_codes_and_saturates(volts, expected):
     assert dac_output(volts, 10.0, STEP) == pytest.approx(expected, abs=1e-12)
 
 
-def test_current_loop_shows_the_measured_corner_and_phase():
+def test_current_loop_has_the_measured_corner_and_phase():
     drive = load_truth(load_machine('four_dof'), 'ideal')[0].drive
     low, one, two, corner = current_loop_response([100.0, 1000.0, 2000.0, 7420.0], drive)
     assert 20.0 * np.log10(abs(corner / low)) == pytest.approx(-3.01, abs=0.01)
@@ -61,14 +61,14 @@ def test_current_step_is_exact_at_any_duration():
     np.testing.assert_allclose(once[1], 2.0 * 80e-6 - LAG * once[0], rtol=1e-12)
 
 
-def test_peak_current_holds_until_heat_is_used_up():
+def test_peak_current_is_allowed_until_the_thermal_limit():
     assert limited_current(15.0, 0.0, 3.0, 12.5) == 12.5
     assert limited_current(-15.0, 0.0, 3.0, 12.5) == -12.5
     assert limited_current(-2.0, 0.0, 3.0, 12.5) == -2.0
     assert limited_current(15.0, 9.1, 3.0, 12.5) == pytest.approx(3.0 * np.sqrt(2.0))
 
 
-def test_stalled_drive_falls_back_to_its_continuous_current():
+def test_stalled_drive_is_limited_to_its_continuous_current():
     plant = Plant(load_machine('planar'), 1, 'ideal')
     pushing = np.array([-10.0, 10.0])  # into the stops
     for _ in range(600):
@@ -80,7 +80,7 @@ def test_stalled_drive_falls_back_to_its_continuous_current():
     np.testing.assert_allclose(np.abs(plant.truth.current), 3.0 * np.sqrt(2.0), rtol=1e-3)
 
 
-def test_three_phases_sum_to_zero_and_push_alike_everywhere():
+def test_phases_sum_to_zero_with_thrust_independent_of_position():
     position = np.linspace(0.0, 0.03, 50)
     currents = phase_currents(2.0, position, 0.03)
     np.testing.assert_allclose(currents.sum(axis=0), 0.0, atol=1e-14)
@@ -91,7 +91,7 @@ def test_three_phases_sum_to_zero_and_push_alike_everywhere():
     np.testing.assert_allclose((currents * emf).sum(axis=0), 1.5 * 2.0, rtol=1e-12)
 
 
-def test_truth_shows_the_phase_currents():
+def test_truth_has_the_phase_currents():
     plant = Plant(load_machine('planar'), 1, 'ideal')
     for _ in range(3):
         plant.tick([0.8, 0.0])
@@ -116,13 +116,13 @@ def test_ripple_repeats_each_pitch_and_cogging_twice_as_often():
     assert np.abs(thrust(0.0, 0.015, 0.0)).max() == 0.0
 
 
-def test_shorted_motor_brakes_as_its_force_constant_and_resistance_demand():
+def test_shorted_damping_follows_force_constant_and_resistance():
     # three phases of 0.48 ohm, Kf = 12.5 N/A rms: 12.5^2 / (3 * 0.48)
     assert shorted_damping(12.5 / np.sqrt(2.0), 0.96) == pytest.approx(12.5**2 / 1.44)
 
 
 @pytest.mark.parametrize('substep', [31.25e-6, 7.8125e-6])
-def test_back_emf_under_current_control_weighs_two_grams(substep):
+def test_back_emf_under_current_control_acts_as_two_grams(substep):
     damping = 108.5
     short = loop = speed = 0.0
     decays = np.exp(-substep / WINDING), np.exp(-substep / LAG)
@@ -135,7 +135,7 @@ def test_back_emf_under_current_control_weighs_two_grams(substep):
     assert damping * LAG == pytest.approx(2.33e-3, rel=1e-2)
 
 
-def test_shorting_and_releasing_never_lets_the_current_jump():
+def test_current_is_continuous_when_shorted_and_released():
     substep, damping = 1e-6, 108.5
     short = loop = 0.0
     decays = np.exp(-substep / WINDING), np.exp(-substep / LAG)

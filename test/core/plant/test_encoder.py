@@ -26,7 +26,7 @@ def test_interpolation_error_repeats_with_the_signal_period():
     assert np.abs(further - readings[::50] - 700).max() <= 1  # rounding of positions that lie on an edge
 
 
-def test_noise_of_a_resting_machine_is_a_count_either_side():
+def test_noise_of_a_resting_machine_is_within_one_count():
     plant = Plant(load_machine('xy_stage'), 5, 'nominal')
     errors = []
     for _ in range(2000):

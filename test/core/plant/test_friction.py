@@ -1,4 +1,4 @@
-"""Friction of a guide: sticking, creeping, sliding, and no energy out of nothing."""
+"""Friction of a guide: sticking, creeping, sliding, dissipation."""
 
 import numpy as np
 import pytest
@@ -31,14 +31,14 @@ def test_sliding_force_follows_the_stribeck_curve(speed, level, sign):
     assert force == pytest.approx(sign * level, rel=1e-3)
 
 
-def test_small_motion_is_a_spring_without_loss():
+def test_small_motion_is_elastic_without_loss():
     there, force = slide(1e-3, 4e-6)  # 5.5 um are elastic
     assert force == pytest.approx(STIFFNESS * 4e-6 + DAMPING * 1e-3 * np.exp(-0.04), rel=0.02)  # half a substep of bend
     back, _ = slide(-1e-3, 4e-6, there)
     assert abs(back) < 1e-12
 
 
-def test_larger_motion_leaves_a_loop():
+def test_larger_motion_has_hysteresis():
     there, _ = slide(1e-3, 40e-6)
     back, force = slide(-1e-3, 40e-6, there)
     assert force < -0.5
@@ -46,7 +46,7 @@ def test_larger_motion_leaves_a_loop():
 
 
 def test_vibration_does_not_make_a_loaded_guide_creep():
-    # 0.2 N held, shaken by 10 mm/s at 50 Hz: bend within the elastic share, so the mean stays
+    # 0.2 N held, vibration of 10 mm/s at 50 Hz: the deflection is in the elastic share, the mean stays
     bristle, forces = 4e-6, []
     for k in range(64000):
         speed = 0.2e-3 * np.cos(2.0 * np.pi * 50.0 * k * H)
@@ -55,7 +55,7 @@ def test_vibration_does_not_make_a_loaded_guide_creep():
     assert np.mean(forces[-640:]) == pytest.approx(0.2, abs=2e-3)
 
 
-def test_any_motion_takes_energy_over_a_closed_path():
+def test_friction_dissipates_energy_over_a_closed_path():
     rng = np.random.default_rng(3)
     for scale in (1e-4, 3e-3, 0.1, 1.0):
         speeds = np.cumsum(rng.normal(0.0, scale * 0.05, 20000))

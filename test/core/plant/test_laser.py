@@ -1,4 +1,4 @@
-"""Laser: its clock, resolution and noise, and the end point of the specimen it looks at."""
+"""Laser: its clock, resolution and noise, and the end point of the measured specimen."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ MACHINES = ('four_dof', 'planar', 'xy_stage')
 
 
 def observed(plant, laser, volts, *, tick=0, read_every=20):
-    """Return (time, displacement) of what the laser measures from `tick` on while `volts` drive the plant."""
+    """Return (time, displacement) measured by the laser from `tick` on while `volts` drive the plant."""
     laser.zero(tick, plant.truth)
     readings = []
     for count, row in enumerate(volts, start=1):
@@ -30,7 +30,7 @@ def observed(plant, laser, volts, *, tick=0, read_every=20):
 
 
 @pytest.mark.parametrize('name', MACHINES)
-def test_end_point_of_a_nominal_specimen_is_the_forward_kinematics(name):
+def test_end_point_of_nominal_specimen_is_forward_kinematics(name):
     plant = Plant(load_machine(name), 1, 'ideal')
     q = plant.machine.home + np.random.default_rng(1).uniform(-0.015, 0.015, (50, plant.machine.home.size))
     np.testing.assert_allclose(
@@ -39,7 +39,7 @@ def test_end_point_of_a_nominal_specimen_is_the_forward_kinematics(name):
     np.testing.assert_allclose(plant.truth.pose, plant.machine.forward(plant.machine.home), atol=1e-13)
 
 
-def test_link_errors_move_the_end_point_as_the_error_matrix_says():
+def test_link_errors_move_the_end_point_as_in_the_error_matrix():
     # E_M at mid travel (4.17), columns l2, l4, l6, l8, k10, k12; phi in rad/mm
     expected = np.array(
         [
@@ -78,13 +78,13 @@ def test_samples_come_each_0p8_ms_in_steps_of_0p91_um():
     laser = Laser(plant.machine, 4, 'nominal')
     times, displacements = observed(plant, laser, np.tile([0.5, 0.4, -0.5, -0.4], (160, 1)))
     np.testing.assert_allclose(np.diff(times), 0.8e-3, rtol=1e-9)
-    assert len(times) == 100  # of 0 to 79.2 ms; that of 80 ms is due at the last tick and not yet told
+    assert len(times) == 100  # of 0 to 79.2 ms; that of 80 ms is due at the last tick and not yet reported
     steps = displacements / np.array([0.91e-6, 0.91e-6, 0.91e-6, 0.91e-6 / 0.05])
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
     assert np.abs(steps).max() > 100
 
 
-def test_measurement_follows_the_true_end_point():
+def test_measurement_equals_the_true_end_point_within_a_step():
     plant = Plant(load_machine('planar'), 4, 'ideal')
     laser, twin = Laser(plant.machine, 4, 'ideal'), Plant(plant.machine, 4, 'ideal')
     k = np.arange(160)
@@ -97,14 +97,14 @@ def test_measurement_follows_the_true_end_point():
     poses = np.array(poses) - poses[0]
     linear = np.stack([np.interp(times, 0.5e-3 * np.arange(161), column) for column in poses.T], axis=1)
     assert np.abs(displacements).max() > 1e-3
-    # half a step, and what a straight line is off at 5 m/s^2 over 0.5 ms
+    # half a step, and the error of linear interpolation at 5 m/s^2 over 0.5 ms
     assert np.abs(displacements - linear).max() < 0.455e-6 + 0.16e-6
-    # every 4 ms the clocks meet: nothing is interpolated there
+    # the clocks coincide every 4 ms: no interpolation there
     assert np.abs(displacements[::5] - poses[:160:8]).max() < 0.456e-6
 
 
 @pytest.mark.parametrize('tick', [0, 7, 4001])
-def test_samples_of_a_stretch_of_ticks_are_those_that_fall_due_in_it(tick):
+def test_samples_of_a_range_of_ticks_are_those_due_in_it(tick):
     machine = load_machine('xy_stage')
     times, _ = observed(Plant(machine, 1, 'ideal'), Laser(machine, 1, 'ideal'), np.zeros((33, 2)), tick=tick)
     due = 0.8e-3 * np.arange(4000)
@@ -112,7 +112,7 @@ def test_samples_of_a_stretch_of_ticks_are_those_that_fall_due_in_it(tick):
     assert len(sample_numbers(machine, tick, tick + 33)) == len(times)
 
 
-def test_how_often_it_is_read_changes_nothing():
+def test_samples_do_not_depend_on_how_often_they_are_read():
     machine, volts = load_machine('four_dof'), np.tile([0.5, 0.4, -0.5, -0.4], (90, 1))
     readings = [observed(Plant(machine, 4), Laser(machine, 4), volts, read_every=every) for every in (1, 20, 90)]
     for time, displacement in readings[1:]:
@@ -120,7 +120,7 @@ def test_how_often_it_is_read_changes_nothing():
         np.testing.assert_array_equal(displacement, readings[0][1])
 
 
-def test_noise_is_its_own_and_repeats_with_the_seed():
+def test_noise_is_independent_and_repeats_with_the_seed():
     def resting(seed):
         plant = Plant(load_machine('xy_stage'), 4, 'ideal')
         return observed(plant, Laser(plant.machine, seed, 'hard'), np.zeros((1600, 2)))[1]
@@ -132,7 +132,7 @@ def test_noise_is_its_own_and_repeats_with_the_seed():
     np.testing.assert_allclose(first.std(axis=0), 0.564e-6, rtol=0.1)
 
 
-def test_encoder_offsets_are_not_seen_as_motion_but_shift_the_pose():
+def test_encoder_offsets_shift_the_pose_and_are_not_motion():
     machine = load_machine('four_dof')
     plant = Plant(machine, 4, 'nominal')
     offset = plant.truth.assembly.encoder_offset
@@ -143,7 +143,7 @@ def test_encoder_offsets_are_not_seen_as_motion_but_shift_the_pose():
     assert np.abs(displacements[:, :3]).max() < 3e-6
 
 
-def test_belts_bend_under_acceleration_and_the_laser_sees_it():
+def test_laser_measures_the_belt_deflection_under_acceleration():
     machine = load_machine('four_dof')
     plant = Plant(machine, 4, 'elastic')
     resting = plant.truth.belts
@@ -166,7 +166,7 @@ def test_noise_of_a_sample_does_not_depend_on_those_before():
     np.testing.assert_array_equal(early[1][-len(late[1]) :], late[1])
 
 
-def test_laser_after_a_gap_must_be_zeroed():
+def test_laser_requires_zero_at_first_and_after_a_gap():
     plant = Plant(load_machine('planar'), 1, 'ideal')
     laser = Laser(plant.machine, 1, 'ideal')
     with pytest.raises(PkmError, match=r'tick 0 given; .* call zero'):
@@ -176,7 +176,7 @@ def test_laser_after_a_gap_must_be_zeroed():
         plant.tick([0.0, 0.0])
         laser.observe(tick, plant.truth)
     plant.reset()
-    with pytest.raises(PkmError, match='tick 1 given; expected 5; at first and after a gap call zero'):
+    with pytest.raises(PkmError, match='tick 1 given; expected 5; call zero at first and after a gap'):
         laser.observe(1, plant.truth)
     laser.zero(9, plant.truth)
     plant.tick([0.0, 0.0])

@@ -16,7 +16,7 @@ MACHINES = ('four_dof', 'planar', 'xy_stage')
 
 
 def response(modes, s):
-    """H_i (7.20) at the complex frequencies `s`."""
+    """Return H_i (7.20) at the complex frequencies `s`."""
     total = np.ones_like(s)
     for mode in modes:
         wr, wa = 2.0 * np.pi * mode.resonance, 2.0 * np.pi * mode.antiresonance
@@ -26,7 +26,7 @@ def response(modes, s):
 
 
 def fitted(signal, frequency, step):
-    """Complex amplitude of `signal` (T,) at `frequency` [Hz], constant and drift fitted beside it."""
+    """Return the complex amplitude of `signal` (T,) at `frequency` [Hz]; offset and drift are fitted too."""
     t = step * np.arange(signal.size)
     phase = 2.0 * np.pi * frequency * t
     base = np.stack([np.cos(phase), np.sin(phase), np.ones_like(t), t], axis=1)
@@ -76,7 +76,7 @@ def test_main_resonances_are_those_of_the_thesis(name, lowest, highest):
     assert max(main) == pytest.approx(highest, abs=0.5)
 
 
-def test_modes_rest_where_the_rigid_joint_rests():
+def test_modes_do_not_change_the_settled_position():
     modes = axes_of('planar')['d3'].modes
     steps = mode_steps(modes, H)
     state = np.array([[3e-6, 0.0], [-1e-6, 0.0]])
@@ -86,7 +86,7 @@ def test_modes_rest_where_the_rigid_joint_rests():
     assert np.abs(state).max() < 1e-12
 
 
-def test_blend_is_the_table_at_its_points_and_stays_within():
+def test_blend_equals_the_table_at_its_points_and_is_bounded():
     table = np.random.default_rng(1).normal(size=(5, 2, STEP_SIZE))
     steps = np.zeros((2, STEP_SIZE))
     for place, expected in ((0.0, table[0]), (0.5, table[2]), (1.0, table[4]), (-3.0, table[0]), (7.0, table[4])):
@@ -98,7 +98,7 @@ def test_blend_is_the_table_at_its_points_and_stays_within():
 
 @pytest.fixture
 def clean_stage(tmp_path):
-    """Return a function that gives an ideal XY stage but for its modes, stretched by `shift` up the travel."""
+    """Return a function: an XY stage, ideal except for its modes, shifted by `shift` over the travel."""
 
     def make(shift):
         shutil.copytree(Configuration.of_environment().folder, tmp_path / 'config', dirs_exist_ok=True)
@@ -126,7 +126,8 @@ def swept(plant, frequency, amplitude=1.0, seconds=0.5):
 
 
 @pytest.mark.parametrize('frequency', [90.0, 200.0, 220.0, 238.0, 400.0])
-def test_plant_has_the_identified_response_from_volts_to_position(frequency, clean_stage):
+def test_plant_has_the_identified_frequency_response(frequency, clean_stage):
+    """From volts to position, of an axis with modes."""
     plant = clean_stage('0 %')
     s = 2j * np.pi * frequency
     mass = 8.2023
@@ -135,11 +136,11 @@ def test_plant_has_the_identified_response_from_volts_to_position(frequency, cle
     drive = np.exp(-s * (0.5e-3 + 2.9e-6)) / (1.0 + s / (2.0 * np.pi * 7420.0))
     modes = load_truth(plant.machine, 'ideal')[0].axes['x'].modes
     expected = rigid * hold * drive * response(modes, np.array([s]))[0]
-    # images of the held voltage at 2 kHz - f come through at (f / 2 kHz)^3 and fold back; codes of 0.3 mV in 1 V
+    # images of the held voltage at 2 kHz - f alias with (f / 2 kHz)^3; codes of 0.3 mV in 1 V
     assert abs(swept(plant, frequency) / expected - 1.0) < 0.025
 
 
-def test_resonance_moves_with_position_when_asked(clean_stage):
+def test_resonance_shifts_with_position_if_configured(clean_stage):
     grid = np.arange(200.0, 264.0, 4.0)
 
     def peak_near(ticks):

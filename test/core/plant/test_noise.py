@@ -1,4 +1,4 @@
-"""Noise: a pure function of seed, cycle and index, with the strengths asked for."""
+"""Noise: a pure function of seed, cycle and index, with the configured levels."""
 
 import numpy as np
 import pytest
@@ -22,13 +22,13 @@ def draws(source, cycle, indices):
     return np.array([block[:, row] for block, row in blocks])
 
 
-def test_any_order_of_indices_gives_the_same_draws():
+def test_draws_do_not_depend_on_the_order_of_indices():
     forward = draws(noise(), 5, range(3000))
     picked = [2999, 0, 1023, 1024, 17]
     np.testing.assert_array_equal(draws(noise(), 5, picked), forward[picked])
 
 
-def test_cycles_and_seeds_share_nothing():
+def test_draws_of_different_cycles_and_seeds_differ():
     first = draws(noise(), 5, range(1000))
     for other in (draws(noise(), 6, range(1000)), draws(noise(seed=4), 5, range(1000))):
         for kind in (ENCODER, AMPLIFIER, FLOOR):
@@ -43,21 +43,21 @@ def test_strengths_are_those_of_the_environment():
     assert many[:, FLOOR].std() == pytest.approx(20e-3, rel=0.1)
 
 
-def test_joints_of_one_guide_stand_on_the_same_floor():
+def test_joints_of_one_direction_share_the_floor_vibration():
     floor = draws(noise(), 1, range(1000))[:, FLOOR]
     np.testing.assert_array_equal(floor[:, 0], floor[:, 1])
     np.testing.assert_array_equal(floor[:, 2], floor[:, 3])
     assert not np.array_equal(floor[:, 0], floor[:, 2])
 
 
-def test_floor_shakes_within_its_band():
+def test_floor_vibration_is_within_its_band():
     spectrum = np.abs(np.fft.rfft(draws(noise(), 1, range(4000))[:, FLOOR, 0]))
     frequencies = np.fft.rfftfreq(4000, 0.5e-3)
     inside = (frequencies > 18.0) & (frequencies < 82.0)
     assert (spectrum[inside] ** 2).sum() > 0.99 * (spectrum**2).sum()
 
 
-def test_factors_of_a_cycle_have_the_asked_spread():
+def test_factors_of_a_cycle_have_the_configured_spread():
     source, factors = noise(), []
     for cycle in range(300):
         source.start(cycle)

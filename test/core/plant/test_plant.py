@@ -36,7 +36,7 @@ def altered(tmp_path):
 
 
 def run(plant, volts, readings=None):
-    """Return the true joint positions (T + 1, n) while `volts` (T, n) are played; `readings` collects the counts."""
+    """Return the true joint positions (T + 1, n) under `volts` (T, n); `readings` collects the counts."""
     positions = [plant.truth.q]
     for row in volts:
         counts = plant.tick(row)
@@ -47,7 +47,7 @@ def run(plant, volts, readings=None):
 
 
 def smooth_move(plant, distance, ticks=140):
-    """Return volts (T, n) that carry each joint about `distance` (n,) [m] in `ticks`, seventh-order, then rest."""
+    """Return volts (T, n) that move each joint by about `distance` (n,) [m] in `ticks`, seventh-order, then rest."""
     t = np.arange(ticks) / ticks
     shape = 420 * t**2 - 1680 * t**3 + 2100 * t**4 - 840 * t**5  # of 35 t^4 - 84 t^5 + 70 t^6 - 20 t^7
     machine = plant.machine
@@ -74,11 +74,11 @@ def test_resting_machine_stays_within_noise_without_chatter(name):
     # 2 mV (22 mN) and 2 mm/s^2 shake the presliding spring at its 30 Hz by 0.2 um rms; four of them
     assert np.abs(q - q[0]).max() < 0.8e-6
     assert np.abs(q[:500].mean(axis=0) - q[-500:].mean(axis=0)).max() < 0.1e-6
-    # and one count of noise either side, one of rounding
+    # and +-1 count of noise, one of rounding
     assert np.abs(np.array(readings) - readings[0]).max() <= 4 + 2
 
 
-def test_voltage_acts_one_whole_sample_after_it_was_computed():
+def test_voltage_acts_one_sample_after_it_was_computed():
     plant = Plant(load_machine('xy_stage'), 1, 'ideal')
     plant.tick([1.0, 0.0])
     assert plant.truth.thrust[0] == 0.0
@@ -111,12 +111,12 @@ def test_ideal_axis_follows_exact_solution_of_lag_and_mass():
             x = late @ x
             last, applied = applied, u
             expected.append(x[0])
-        # up to 1 V more or less each tick: within its first substep the thrust is taken as even, though it comes late
+        # up to +-1 V per tick: within its first substep the thrust is modelled as constant, although it is delayed
         np.testing.assert_allclose(positions[:, i] - plant.machine.home[i], expected, atol=6e-9)
 
 
 @pytest.mark.parametrize('name', ['planar', 'four_dof'])
-def test_identified_gains_appear_when_the_other_joints_are_held(name, altered):
+def test_identified_gains_hold_with_the_other_joints_held(name, altered):
     plant = altered(name, 'ideal', ('mass: 2.3 g', 'mass: 0 g'))
     machine = plant.machine
     n = len(machine.joints)
@@ -131,7 +131,7 @@ def test_identified_gains_appear_when_the_other_joints_are_held(name, altered):
         t = 4 * TICK - 24.3e-6
         viscosity = {'planar': (11.767, 22.22), 'four_dof': (26.38, 21.03, 15.21, 41.15)}[name][i]
         moved = q[-1] - q[0]
-        # 2e-3: rounding of 0.3 mV against 0.2 V, the square of the lag in t^2, even thrust in the first substep
+        # 2e-3: rounding of 0.3 mV against 0.2 V, the square of the lag in t^2, constant thrust in the first substep
         assert moved[i] * (1.0 + viscosity * t / 3.0) / (0.5 * t * t) == pytest.approx(1.5, rel=2e-3)
         assert np.abs(np.delete(moved, i)).max() < 5e-3 * moved[i]
 
@@ -155,7 +155,7 @@ def test_true_gain_differs_from_identified_one(name, errors, altered):
     np.testing.assert_allclose(plant.truth.thrust / nominal, 1 + np.array(errors) / 100, rtol=1e-9)
 
 
-def test_free_motion_keeps_its_energy(altered):
+def test_free_motion_conserves_energy_in_the_plant(altered):
     replacements = [(f'viscosity: {a} 1/s', 'viscosity: 0 1/s') for a in ('26.38', '21.03', '15.21', '41.15')]
     plant = altered('four_dof', 'ideal', ('mass: 2.3 g', 'mass: 0 g'), *replacements)
     machine = plant.machine
@@ -178,7 +178,7 @@ def test_free_motion_keeps_its_energy(altered):
 
 
 @pytest.mark.parametrize('environment', ['ideal', 'nominal', 'hard', 'elastic'])
-def test_halving_the_substep_changes_positions_by_less_than_a_fiftieth_of_a_micrometre(environment, altered):
+def test_halving_the_substep_changes_positions_by_under_20_nm(environment, altered):
     coarse = altered('four_dof', environment)
     volts = smooth_move(coarse, np.array([5e-3, 5e-3, -4e-3, 4e-3]))
     positions = run(coarse, volts)
@@ -205,7 +205,8 @@ def test_same_seed_gives_same_bits(name):
     np.testing.assert_array_equal(reading, second.counts)
 
 
-def test_noise_of_a_cycle_depends_on_neither_length_nor_number_of_others():
+def test_noise_of_a_cycle_is_independent_of_other_cycles():
+    """Neither their length nor their number matters."""
     machine = load_machine('planar')
 
     def noise_of_cycle_4(cycles_before):
@@ -238,7 +239,7 @@ def test_cycles_differ_in_friction_and_gain():
 
 
 @pytest.mark.parametrize('volts', [[np.nan, 0.0], [0.0, np.inf], [0.0], [0.0, 0.0, 0.0], [[0.0, 0.0]], 0.0])
-def test_bad_voltages_are_refused_and_change_nothing(volts):
+def test_bad_voltages_are_refused_and_leave_the_state(volts):
     plant, untouched = (Plant(load_machine('planar'), 1, 'nominal') for _ in range(2))
     for p in (plant, untouched):
         p.tick([0.5, -0.5])
@@ -260,6 +261,6 @@ def test_unknown_environment_lists_the_known_ones():
         Plant(load_machine('four_dof'), 1, 'foggy')
 
 
-def test_gain_that_needs_less_than_the_listed_mass_is_refused(altered):
+def test_gain_that_implies_less_than_the_listed_mass_is_refused(altered):
     with pytest.raises(ConfigError, match=r'axes\.d1\.gain.*less than'):
         altered('planar', 'nominal', ('gain: 11440 mm', 'gain: 21440 mm'))

@@ -1,4 +1,4 @@
-"""The platform's spring: its response, its rest, and that only the laser sees it."""
+"""The platform's spring: its response, its settled position, and that only the laser measures it."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ TICK = 0.5e-3
 GIVEN = load_truth(load_machine('four_dof'), 'nominal')[0].platform
 
 
-def test_constant_acceleration_is_answered_as_by_a_damped_spring():
+def test_constant_acceleration_deflects_a_damped_spring():
     off, rate = Platform(GIVEN, 1, TICK).follow(4.0 * TICK * np.arange(800)[:, np.newaxis])
     w, z = 2.0 * np.pi * GIVEN.resonance, GIVEN.damping
     t, wd = TICK * np.arange(800), w * np.sqrt(1.0 - z * z)
@@ -24,7 +24,7 @@ def test_constant_acceleration_is_answered_as_by_a_damped_spring():
     assert off[-1, 0] == pytest.approx(-0.5e-6, rel=0.01)
 
 
-def test_following_in_pieces_changes_nothing():
+def test_result_does_not_depend_on_the_length_of_calls():
     velocity = np.cumsum(np.random.default_rng(1).normal(0.0, 1e-3, (100, 3)), axis=0)
     whole, pieces = Platform(GIVEN, 3, TICK), Platform(GIVEN, 3, TICK)
     off, _ = whole.follow(velocity)
@@ -32,7 +32,7 @@ def test_following_in_pieces_changes_nothing():
     np.testing.assert_array_equal(np.concatenate(joined), off[1:])
 
 
-def test_laser_sees_the_platform_lag_behind_an_acceleration():
+def test_laser_measures_the_platform_lag_under_acceleration():
     def off(environment):
         """Return (what the laser has seen beside joints and links, their acceleration) at ticks where both look."""
         plant = Plant(load_machine('xy_stage'), 1, environment)

@@ -1,4 +1,4 @@
-"""The truth files: all load, what is wrong in them is named, nobody but the plant reads them."""
+"""The truth files: all load, errors in them are named, only the plant reads them."""
 
 import shutil
 
@@ -37,7 +37,7 @@ def test_ideal_environment_has_no_imperfection():
     [
         ('substep: 62.5 us', 'substep: 62.5', 'has no unit'),
         ('substep: 62.5 us', 'substep: 60 us', 'does not divide the tick'),
-        ('delay: 2.9 us', 'delay: 70 us', 'is not below substep'),
+        ('delay: 2.9 us', 'delay: 70 us', 'delay 7e-05 s given; allowed below substep 6.25e-05 s'),
         ('gain: 7375 mm/s^2/V', 'gain: 7375 mm/s', 'dimension'),
         ('[[d1, d3], [d7, d5]]', '[[d1, d9], [d7, d5]]', "unknown joint 'd9'"),
         ('resonance: 380 Hz', 'resonance: 238 Hz', 'must differ'),
@@ -68,7 +68,8 @@ def test_belts_without_their_section_are_refused(tmp_path):
         load_truth(machine.with_configuration(Configuration(tmp_path)), 'ideal')
 
 
-def test_controllers_work_where_no_truth_can_be_read_and_the_plant_does_not(tmp_path):
+def test_controllers_work_without_a_readable_truth(tmp_path):
+    """The plant does not."""
     shutil.copytree(Configuration.of_environment().folder, tmp_path / 'config', ignore=shutil.ignore_patterns('truth'))
     without_truth = Configuration(tmp_path / 'config')
     for name in ('four_dof', 'planar'):

@@ -1,4 +1,4 @@
-"""The compiled cycle against the same objects called tick by tick."""
+"""The compiled cycle compared with the same objects called tick by tick."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def trajectory():
 
 
 class Loop:
-    """A plant with its controllers that has run one cycle, compiled or tick by tick."""
+    """A plant with its controllers after one cycle, compiled or tick by tick."""
 
     def __init__(self, trajectory, *, compiled, learned=0.0):
         self.plant = Plant(MACHINE, 3)
@@ -35,10 +35,10 @@ class Loop:
         self.run(learned)
 
     def run(self, learned=0.0):
-        """Run the next cycle and return how many samples there were."""
+        """Run the next cycle and return its number of samples."""
         samples = len(self.trajectory)
         feedforward = np.full((samples, JOINTS), learned)
-        feedforward[:50] = 0.0  # the integrator takes up where the feedforward begins
+        feedforward[:50] = 0.0  # the feedforward starts with a step, which the integrator takes up
         self.controller.load(self.trajectory, feedforward)
         self.plant.start_cycle(1)
         self.counts, self.voltage, self.error = (np.zeros((samples, JOINTS), kind) for _, kind in RECORDS)
@@ -66,7 +66,8 @@ def assert_same_bits(one, other):
     assert one.samples == other.samples
 
 
-def test_compiled_cycles_give_the_bits_of_single_ticks_also_the_second_of_two(trajectory):
+def test_compiled_cycles_give_the_bits_of_single_ticks(trajectory):
+    """Both cycles of two."""
     compiled, ticks = Loop(trajectory, compiled=True), Loop(trajectory, compiled=False)
     assert compiled.samples == len(trajectory)
     assert_same_bits(compiled, ticks)
@@ -75,7 +76,7 @@ def test_compiled_cycles_give_the_bits_of_single_ticks_also_the_second_of_two(tr
     assert_same_bits(compiled, ticks)
 
 
-def test_single_ticks_go_on_where_a_compiled_cycle_has_ended(trajectory):
+def test_single_ticks_continue_after_a_compiled_cycle(trajectory):
     compiled, ticks = Loop(trajectory, compiled=True), Loop(trajectory, compiled=False)
     compiled.compiled = False
     compiled.run()
@@ -83,14 +84,14 @@ def test_single_ticks_go_on_where_a_compiled_cycle_has_ended(trajectory):
     assert_same_bits(compiled, ticks)
 
 
-def test_fault_ends_both_at_the_same_sample_with_the_same_words(trajectory):
+def test_fault_ends_both_at_the_same_sample_with_the_same_text(trajectory):
     compiled, ticks = (Loop(trajectory, compiled=kind, learned=300.0) for kind in (True, False))
     assert 0 < compiled.samples < len(trajectory)
     assert compiled.plant.fault == ticks.plant.fault
     assert_same_bits(compiled, ticks)
 
 
-def test_voltage_that_is_not_finite_is_refused_and_its_tick_named():
+def test_voltage_that_is_not_finite_is_refused_with_its_tick():
     plant = Plant(MACHINE, 3)
     volts = np.zeros((2, JOINTS))
     volts[1, 2] = np.nan

@@ -1,4 +1,4 @@
-"""The closed loop without ROS: the same bits again, the error the robust law leaves, and what learning makes of it."""
+"""The closed loop without ROS: repeatability, error of robust control, and error after learning."""
 
 from functools import cache
 
@@ -36,7 +36,7 @@ def dynamic_error(records):
     return UM * records.metric('max_dynamic_error')
 
 
-def test_records_hold_what_the_loop_saw():
+def test_records_have_the_signals_of_the_loop():
     machine, trajectory, _ = setup('four_dof')
     records = run('four_dof', 'fourier', 2)
     assert records.joints == machine.joints
@@ -48,7 +48,7 @@ def test_records_hold_what_the_loop_saw():
     assert records.metrics[1][2] == expected
 
 
-def test_same_seed_gives_the_same_bits_however_many_cycles_follow():
+def test_same_seed_gives_the_same_bits_for_any_number_of_cycles():
     machine, trajectory, control = setup('four_dof')
     again = run_cycles(machine, trajectory, control, make_law('fourier', machine, control), 1, 1)
     for name in ('error', 'counts', 'voltage', 'feedforward'):
@@ -59,7 +59,7 @@ def test_another_seed_gives_other_noise():
     assert (run('four_dof', None, 2).counts != run('four_dof', None, 2, seed=2).counts).any()
 
 
-def test_feedforward_of_a_cycle_is_the_law_of_the_cycle_before():
+def test_feedforward_is_the_law_applied_to_the_previous_cycle():
     machine, _, control = setup('four_dof')
     records, law = run('four_dof', 'fourier_pid', 8), make_law('fourier_pid', machine, control)
     assert not records.feedforward[0].any()
@@ -69,19 +69,19 @@ def test_feedforward_of_a_cycle_is_the_law_of_the_cycle_before():
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_robust_control_alone_leaves_tens_of_micrometres_and_settles(name):
+def test_robust_control_alone_leaves_tens_of_micrometres(name):
     records = run(name, None, 2)
     error = dynamic_error(records)
-    assert error.max() < 35.0  # 20 to 28 um seen; the thesis's robust controller left 9 to 47 um
+    assert error.max() < 35.0  # 20 to 28 um measured; the thesis's robust controller left 9 to 47 um
     assert error.min() > 5.0
     assert np.nanmax(records.metric('settling_time_5um')) < 40e-3
     assert np.abs(records.metric('steady_state_error')).max() < 1e-6
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_learning_through_the_whole_pid_reaches_micrometres_after_six_updates(name):
+def test_learning_through_the_pid_reaches_2_um_in_six_updates(name):
     records = run(name, 'fourier_pid', 8)
-    assert dynamic_error(records)[6:].max() <= 2.0  # 0.5 to 1.5 um seen
+    assert dynamic_error(records)[6:].max() <= 2.0  # 0.5 to 1.5 um measured
     assert records.metric('settling_time_5um')[4:].max() == 0.0
 
 
@@ -94,7 +94,9 @@ def test_cycle_boundary_does_not_disturb_the_rest():
     _, trajectory, _ = setup('four_dof')
     records = run('four_dof', 'fourier_pid', 8)
     before_first_move = records.error[1:, : trajectory.move_starts[0]]
-    assert UM * np.abs(before_first_move).max() < 1.6  # 1.0 seen; 2.4 when the feedforward's step was not taken up
+    assert (
+        UM * np.abs(before_first_move).max() < 1.6
+    )  # 1.0 measured; 2.4 when the integrator did not take up the step of the feedforward
 
 
 def test_fault_of_the_machine_ends_the_run_with_cycle_and_sample():
@@ -108,7 +110,7 @@ def test_fault_of_the_machine_ends_the_run_with_cycle_and_sample():
 @pytest.mark.parametrize('name', MOTIONS)
 @pytest.mark.parametrize(('law', 'from_cycle', 'limit'), [('fourier', 12, 4.5), ('fourier_pid', 8, 2.5)])
 def test_law_stays_converged_for_forty_cycles(name, law, from_cycle, limit):
-    # what diverges does so slowly: it looks converged at cycle 4 and is at 100 um by cycle 24
+    # divergence is slow: such a law seems converged at cycle 4 and reaches 100 um at cycle 24
     for seed in (1, 2):
         assert dynamic_error(run(name, law, 40, seed))[from_cycle:].max() < limit
 

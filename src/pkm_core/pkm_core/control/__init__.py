@@ -1,1 +1,1 @@
-"""Feedback control: what a controller may know, the robust and the computed-torque law, their margins and tuning."""
+"""Feedback control: the model of an axis, robust and computed-torque control, stability margins."""

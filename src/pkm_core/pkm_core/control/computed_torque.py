@@ -3,15 +3,15 @@ Computed torque control of the whole machine, thesis (7.13)-(7.17), (8.1)-(8.3).
 
     e = r - q
     a = rdd + KD ed + KP e + KI INT e,   ed = (e - e_previous)/Ts
-    F = M(q) a + C(q, rd) + G(q) + B rd,   u = F / thrust per volt, held within +-limit
+    F = M(q) a + C(q, rd) + G(q) + B rd,   u = F / thrust per volt, saturated at +-limit
 
-On a machine that is its model, the error of every axis obeys s^3 + KD s^2 + KP s + KI, whatever the others do.
-M, C, G are those of the nominal design; what an identified axis weighs more is added to its slider, and B is its
-viscous friction. Rates in C and B are the reference's: a difference of two counts is 0.4 mm/s coarse. The integrator
-stands still while u is held and e would drive it further.
+On a machine equal to its model, the error of every axis obeys s^3 + KD s^2 + KP s + KI independent of the others.
+M, C, G are those of the nominal design. The identified extra mass of an axis is added to its slider; B is its viscous
+friction. C and B use the rates of the reference, because the difference of two counts has a resolution of 0.4 mm/s.
+Anti-windup: the integrator is frozen while u is saturated and e would drive it further.
 
-The thesis leaves out B, which costs B rd/(M KP) of error, and the loop's delay dl. Here rd and rdd are those of dl
-later, rd + dl rdd and rdd + dl rddd, as the jerk term does it in the robust law: a baseline with the same knowledge.
+The thesis leaves out B, which costs an error of B rd/(M KP), and the delay dl of the loop. Here rd and rdd are taken
+dl later, rd + dl rdd and rdd + dl rddd. The jerk term of the robust law does the same, which makes the two comparable.
 """
 
 from typing import Annotated
@@ -28,11 +28,11 @@ from pkm_core.errors import PkmError
 
 
 class TorqueGains(Config):
-    """Error dynamics of one axis: KP = wn^2, KD = 2 zeta wn, KI = `integral` KD KP, which Routh allows below 1."""
+    """Error dynamics of one axis: KP = wn^2, KD = 2 zeta wn, KI = `integral` KD KP; stable for `integral` below 1."""
 
-    natural_frequency: Annotated[Frequency, Field(gt=0)]  # wn/(2 pi)
-    damping: Annotated[Number, Field(gt=0)]  # zeta
-    integral: Annotated[Number, Field(ge=0, lt=1)]
+    natural_frequency: Annotated[Frequency, Field(gt=0, description='wn/(2 pi)')]
+    damping: Annotated[Number, Field(gt=0, description='zeta')]
+    integral: Annotated[Number, Field(ge=0, lt=1, description='KI/(KD KP)')]
 
     def error_gains(self):
         """Return KP [1/s^2], KI [1/s^3], KD [1/s]."""
@@ -41,7 +41,7 @@ class TorqueGains(Config):
         return kp, self.integral * kp * kd, kd
 
     def pid(self, model):
-        """Return the `Pid` [V, m] this is to a single axis with its `AxisModel`, the others being cancelled."""
+        """Return the equivalent `Pid` [V, m] of a single axis with its `AxisModel`, all coupling cancelled."""
         kp, ki, kd = self.error_gains()
         return Pid(kp / model.gain, ki / model.gain, kd / model.gain)
 
@@ -53,12 +53,12 @@ class TorqueControlFile(Config):
 
 
 def load_torque_control(machine, name_or_path=None):
-    """Return {joint: TorqueGains} of config/control/computed_torque; default and refusals as `robust.load_control`."""
+    """Return {joint: TorqueGains} of config/control/computed_torque; default and errors as `robust.load_control`."""
     path = machine.configuration.find('control/computed_torque', name_or_path or machine.name)
-    control = in_joint_order(machine, load_config(path, TorqueControlFile).joints, path)
+    gains = in_joint_order(machine, load_config(path, TorqueControlFile).joints, path)
     for joint, model in load_model(machine).items():
-        require_stable(f'{path}: {joint}', control[joint].pid(model), model, machine.sample_time)
-    return control
+        require_stable(f'{path}: {joint}', gains[joint].pid(model), model, machine.sample_time)
+    return gains
 
 
 @njit(cache=True)
@@ -84,21 +84,21 @@ def _step(error, acceleration, velocity, learned, M, C, G, gains, newton_per_vol
 
 class ComputedTorque:
     """
-    The controller of all joints; the interface is that of `controllers.make_controller`.
+    The controller of all joints, with the interface of controllers.py.
 
     Parameters
     ----------
     machine : Machine
-    control : dict of str to TorqueGains
+    gains : dict of str to TorqueGains
         Of `load_torque_control`, in the order of the joints.
     models : dict of str to AxisModel
         Of `load_model`, in the same order.
 
     """
 
-    def __init__(self, machine, control, models):
+    def __init__(self, machine, gains, models):
         self._machine = machine
-        kp, ki, kd = np.array([gains.error_gains() for gains in control.values()]).T
+        kp, ki, kd = np.array([axis.error_gains() for axis in gains.values()]).T
         mass = machine.thrust_per_volt / np.array([model.gain for model in models.values()])
         viscous = mass * [model.viscosity for model in models.values()]
         added = mass - np.diag(machine.mass_matrix(machine.home))
@@ -109,16 +109,16 @@ class ComputedTorque:
         self._M, self._C, self._G = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         self._state = np.empty((2, n))
         self.reset()
-        # numba compiles, or loads what it has compiled, at the first call: here, not in the first tick
+        # numba compiles or loads its cache at the first call: here, not in the first tick
         self._voltage(machine.home, *np.zeros((4, n)), self._state.copy())
 
     def reset(self):
-        """Forget everything: no cycle is loaded and the machine is taken to be at rest."""
+        """Return to the initial state: no cycle is loaded and the machine is assumed to be at rest."""
         self._state[0], self._state[1] = 0.0, np.nan
         self._samples = 0
 
     def load(self, trajectory, learned):
-        """Take the joint trajectory of one cycle and its learned voltage (N, n) [V], which is added to u."""
+        """Load the joint trajectory of one cycle and its learned voltage (N, n) [V], which is added to u."""
         learned = np.array(learned, dtype=np.float64)
         if trajectory.coordinates != self._machine.joints or learned.shape != trajectory.position.shape:
             raise PkmError(

@@ -1,7 +1,7 @@
 """
-Controllers of a whole machine, all joints at once: what `simulation` and the nodes that own every axis drive.
+Controllers of a whole machine, all joints at once; used by `simulation` and by nodes that control all axes.
 
-A controller has ``load(trajectory, learned)`` (a `SampledTrajectory` in joints and (N, n) volts), then once a tick
+A controller has ``load(trajectory, learned)`` (a `SampledTrajectory` in joints and (N, n) volts), then once per tick
 ``update(index, measured) -> (voltage, error)`` with arrays (n,), and ``reset()``.
 """
 
@@ -17,21 +17,21 @@ KINDS = {'robust': ('control', load_control), 'computed_torque': ('control/compu
 
 
 class JointControllers:
-    """A `RobustController` on every joint; none knows of the others."""
+    """One independent `RobustController` per joint."""
 
-    def __init__(self, machine, control, models):
+    def __init__(self, machine, gains, models):
         self.axes = [
-            RobustController(control[joint], models[joint], machine.sample_time, machine.voltage_limit)
+            RobustController(gains[joint], models[joint], machine.sample_time, machine.voltage_limit)
             for joint in machine.joints
         ]
 
     def reset(self):
-        """Forget everything, see `RobustController.reset`."""
+        """Return to the initial state, see `RobustController.reset`."""
         for axis in self.axes:
             axis.reset()
 
     def load(self, trajectory, learned):
-        """Take a cycle, see `RobustController.load`."""
+        """Load a cycle, see `RobustController.load`."""
         for column, axis in enumerate(self.axes):
             axis.load(*(rows[:, column] for rows in trajectory.derivatives()), learned[:, column])
 
@@ -42,28 +42,28 @@ class JointControllers:
         return voltage, error
 
 
-def make_controller(machine, control):
-    """Return the controller for `control` of `load_control` or `load_torque_control`, with the machine's models."""
-    law = ComputedTorque if kind_of(control) == 'computed_torque' else JointControllers
-    return law(machine, control, load_model(machine))
+def make_controller(machine, gains):
+    """Return the controller for `gains` of `load_control` or `load_torque_control`, with the machine's models."""
+    law = ComputedTorque if kind_of(gains) == 'computed_torque' else JointControllers
+    return law(machine, gains, load_model(machine))
 
 
-def kind_of(control):
-    """Return which of `KINDS` the gains `control`, {joint: gains}, are for."""
-    return 'computed_torque' if isinstance(next(iter(control.values())), TorqueGains) else 'robust'
+def kind_of(gains):
+    """Return the key of `KINDS` for `gains`, {joint: RobustGains or TorqueGains}."""
+    return 'computed_torque' if isinstance(next(iter(gains.values())), TorqueGains) else 'robust'
 
 
 def find_control(machine, chosen='robust'):
     """
     Return (kind, path) of a choice of controller.
 
-    `chosen` is one of `KINDS`, which takes the machine's own gains, or the name of a file of config/control or
-    config/control/computed_torque, or a YAML file of gains, which itself tells for which controller it is.
+    `chosen` is one of `KINDS` (the machine's own gains), the name of a file of config/control or
+    config/control/computed_torque, or the path of a YAML file of gains, whose keys determine the kind.
 
     Raises
     ------
     ConfigError
-        If there is no such file; what there is is listed.
+        If there is no such file; the existing names are listed.
 
     """
     if chosen in KINDS:
@@ -77,13 +77,13 @@ def find_control(machine, chosen='robust'):
             continue
         joints = read_yaml(path).get('joints')
         gains = joints.values() if isinstance(joints, dict) else ()
-        torque = any(isinstance(each, dict) and 'natural_frequency' in each for each in gains)
+        torque = any(isinstance(axis, dict) and 'natural_frequency' in axis for axis in gains)
         return ('computed_torque' if torque else 'robust'), path
     reasons = '; '.join(dict.fromkeys(failures))
-    raise ConfigError(f'control {chosen!r} is none of {list(KINDS)}; {reasons}')
+    raise ConfigError(f'control: {chosen!r} given; allowed: {list(KINDS)}, a file of gains or its name; {reasons}')
 
 
 def choose_control(machine, chosen='robust'):
-    """Return {joint: gains} of a choice as `find_control` takes it; refusals also as `load_control`."""
+    """Return {joint: gains} for `chosen` of `find_control`; errors of `find_control` and `load_control`."""
     kind, path = find_control(machine, chosen)
     return KINDS[kind][1](machine, path)

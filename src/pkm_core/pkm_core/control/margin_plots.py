@@ -1,4 +1,4 @@
-"""Nyquist, Bode and sensitivity pictures of loops, computed or measured, and margins over a parameter; matplotlib."""
+"""Nyquist, Bode and sensitivity plots of loops, computed or measured, and margins over a parameter; matplotlib."""
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -9,7 +9,7 @@ from pkm_core.control.systems import plant_system
 
 
 def model_loops(gains, model, sample_time):
-    """Return (frequency [Hz], the model's L, [L of the perturbed models]) of a `PidLaw`, for the functions below."""
+    """Return (frequency [Hz], L of the model, [L of the perturbed models]) of a `PidLaw`, for the functions below."""
     grid = design_grid(sample_time)
     frequency = np.unique(np.concatenate([np.geomspace(2.0, grid[-1], 500), grid[(grid > 150) & (grid < 600)]]))
     z = unit_circle(frequency, sample_time)
@@ -27,7 +27,7 @@ def plot_margins(path, title, frequency, loop, perturbed=()):
     path : path-like
         File to write.
     title : str
-        Over the picture.
+        Title of the figure.
     frequency : ndarray, shape (m,)
         [Hz]
     loop : ndarray, shape (m,)
@@ -66,7 +66,7 @@ def draw_bode(magnitude, phase, frequency, loop, perturbed=()):
     for each, color, width in (*((p, '0.8', 0.6) for p in perturbed), (loop, 'C0', None)):
         magnitude.semilogx(frequency, 20 * np.log10(np.abs(each)), color=color, linewidth=width)
         degrees = -np.mod(-np.degrees(np.angle(each)), 360)
-        degrees[1:][np.abs(np.diff(degrees)) > 180] = np.nan  # no line across the picture where it wraps
+        degrees[1:][np.abs(np.diff(degrees)) > 180] = np.nan  # no line across the plot where the phase wraps
         phase.semilogx(frequency, degrees, color=color, linewidth=width)
     magnitude.axhline(0, color='k', linewidth=0.6)
     phase.axhline(-180, color='k', linewidth=0.6)

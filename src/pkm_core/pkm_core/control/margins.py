@@ -16,30 +16,30 @@ RESONANCE_SPREAD = (1.0, 0.95, 1.05)  # over the workspace
 @dataclass(frozen=True)
 class Margins:
     """
-    What a loop tolerates; where it is not `stable`, the others mean nothing.
+    Stability margins of a loop; without `stable` the other figures have no meaning.
 
-    S = 1/(1 + L), T = 1 - S. Not a number: the response never gets there.
+    S = 1/(1 + L), T = 1 - S. nan: the response does not reach the level.
     """
 
-    gain_margin: float  # [dB] allowed rise of the gain (7.26)
-    gain_reduction: float  # [dB] allowed fall; integral action makes loops that need their gain
+    gain_margin: float  # [dB] allowed increase of the gain (7.26)
+    gain_reduction: float  # [dB] allowed decrease; with integral action a loop may need a minimum gain
     phase_margin: float  # [deg] (7.27)
     peak_sensitivity: float  # max |S|
-    disk_margin: float  # a: gain times (2 + a)/(2 - a) or its inverse and phase 2 atan(a/2), both at once, are allowed
+    disk_margin: float  # a: gain times (2 + a)/(2 - a) or its inverse, and phase 2 atan(a/2), are allowed together
     crossover: float  # [Hz] highest frequency with |L| = 1
     bandwidth: float  # [Hz] up to which |S| < 1, CLBW of (7.29)
     bandwidth_3db: float  # [Hz] up to which |S| < 1/sqrt 2
     tracking_bandwidth: float  # [Hz] from which on |T| < 1/sqrt 2
-    slowest_pole: float  # largest |z| of the closed loop; nan of a measured response, which cannot show it
+    slowest_pole: float  # largest |z| of the closed loop; nan for a measured response
 
     @property
     def stable(self):
-        """Whether the closed loop is."""
+        """Whether the closed loop is stable."""
         return self.slowest_pole < 1
 
 
 def design_grid(sample_time):
-    """Return the frequencies [Hz] on which models are judged; the sharpest mode is 9 Hz wide."""
+    """Return the frequencies [Hz] at which models are evaluated; the sharpest mode is 9 Hz wide."""
     nyquist = 0.5 / sample_time
     return np.concatenate([[0.2, 0.5], np.arange(1.0, nyquist, 0.25), [nyquist]])
 
@@ -59,10 +59,16 @@ def stability_margins(gains, model, sample_time):
 
 def measured_margins(frequency, loop):
     """
-    Return the `Margins` of a measured open loop `loop` (m,) at `frequency` (m,) [Hz], which must rise.
+    Return the `Margins` of a measured open loop `loop` (m,) at rising `frequency` (m,) [Hz].
 
-    They hold within the measured band only, and stability itself is not in them. Of a measured plant P [m/V], which
-    contains computation and hold, the loop is ``gains.response(unit_circle(frequency, Ts), Ts) * P``.
+    They are valid within the measured band only and do not include stability. For a measured plant P [m/V], which
+    includes computation delay and hold, the loop is ``gains.response(unit_circle(frequency, Ts), Ts) * P``.
+
+    Raises
+    ------
+    PkmError
+        If the shapes differ, a value is not finite or the frequencies do not rise.
+
     """
     frequency, loop = np.asarray(frequency, dtype=np.float64), np.asarray(loop, dtype=np.complex128)
     if frequency.ndim != 1 or frequency.size < 2 or loop.shape != frequency.shape:
@@ -74,10 +80,11 @@ def measured_margins(frequency, loop):
 
 def perturbed_models(model, gains=GAIN_SPREAD):
     """
-    Return the models an axis may really have, the given one first.
+    Return models within the uncertainty of `model`, `model` itself first.
 
-    Gain +-20 %, all modes shifted by +-5 %, and every sign of the damping of every anti-resonance: the thesis's print
-    does not tell on which side of the axis the zeros lie, and a change of pose can move them across.
+    Gain +-20 %, all modes shifted by +-5 %, and both signs of the damping of every anti-resonance: the printed models
+    of the thesis do not show on which side of the imaginary axis the zeros are, and a change of pose can move them
+    across.
     """
     return [
         model.model_copy(
@@ -93,7 +100,7 @@ def perturbed_models(model, gains=GAIN_SPREAD):
 
 
 def worst_margins(gains, model, sample_time):
-    """Return the `Margins` of which each is the worst over `perturbed_models`."""
+    """Return the `Margins` with each figure the worst over `perturbed_models`."""
     frequency = design_grid(sample_time)
     z = unit_circle(frequency, sample_time)
     controller, found = gains.response(z, sample_time), []
@@ -110,7 +117,7 @@ def worst_margins(gains, model, sample_time):
 
 
 def require_stable(where, gains, model, sample_time):
-    """Refuse a `PidLaw` whose loop on `model` is unstable: `PkmError` with the margin, beginning with `where`."""
+    """Raise `PkmError`, beginning with `where`, if the loop of the `PidLaw` `gains` on `model` is unstable."""
     pole = _slowest_pole(gains, model, sample_time)
     if pole >= 1:
         margins = stability_margins(gains, model, sample_time)
@@ -120,9 +127,9 @@ def require_stable(where, gains, model, sample_time):
 
 def require_margins(where, gains, model, sample_time, *, gain_margin, phase_margin):
     """
-    Refuse a `PidLaw` whose loop on `model` is unstable or tolerates too little: `PkmError`, beginning with `where`.
+    Raise `PkmError`, beginning with `where`, if the loop of `gains` on `model` is unstable or a margin is too small.
 
-    `gain_margin` [dB] is asked for both ways, rise and fall, `phase_margin` [deg] as well.
+    `gain_margin` [dB] is the least allowed increase and decrease of the gain, `phase_margin` [deg] that of the phase.
     """
     require_stable(where, gains, model, sample_time)
     margins = stability_margins(gains, model, sample_time)

@@ -1,5 +1,5 @@
 """
-What a controller believes about its axis: config/model/<machine>.yaml, written by identification.
+Model of an axis as used by its controller: config/model/<machine>.yaml, written by identification.
 
 P(s) = K/(s (s + a)) * H(s), H = PROD (wr^2/wa^2)(s^2 + 2 za wa s + wa^2)/(s^2 + 2 zr wr s + wr^2) (7.18)-(7.20).
 """
@@ -14,12 +14,12 @@ from pkm_core.errors import ConfigError
 
 
 class Mode(Config):
-    """A resonance and its anti-resonance; negative damping of the latter is a zero pair in the right half plane."""
+    """A resonance and its anti-resonance."""
 
     resonance: Annotated[Frequency, Field(gt=0)]
     resonance_damping: Annotated[Number, Field(gt=0, lt=1)]
     antiresonance: Annotated[Frequency, Field(gt=0)]
-    antiresonance_damping: Annotated[Number, Field(gt=-1, lt=1)]
+    antiresonance_damping: Annotated[Number, Field(gt=-1, lt=1, description='negative: zeros in the right half plane')]
 
     def low_frequency_delay(self):
         """Return the delay [s] of slow signals: 2 zr/wr - 2 za/wa."""
@@ -30,30 +30,30 @@ class Mode(Config):
 class AxisModel(Config):
     """Drive voltage [V] to slider position [m] of one axis."""
 
-    gain: Annotated[quantity('m/s^2/V'), Field(gt=0)]  # K
-    viscosity: Annotated[quantity('1/s'), Field(ge=0)]  # a
-    current_loop: Annotated[Frequency, Field(gt=0)]  # corner of the first-order current loop (6.3)
+    gain: Annotated[quantity('m/s^2/V'), Field(gt=0, description='K')]
+    viscosity: Annotated[quantity('1/s'), Field(ge=0, description='a')]
+    current_loop: Annotated[Frequency, Field(gt=0, description='corner of the first-order current loop (6.3)')]
     modes: tuple[Mode, ...]
 
     def low_frequency_delay(self):
-        """Return the delay [s] of slow signals from voltage to position, sampling left out."""
+        """Return the delay [s] of slow signals from voltage to position, without sampling."""
         return 1 / (2 * np.pi * self.current_loop) + sum(mode.low_frequency_delay() for mode in self.modes)
 
 
 class ModelFile(Config):
-    """What the controllers believe of their axes."""
+    """Models of the axes as used by the controllers."""
 
     joints: dict[str, AxisModel]
 
 
 def load_model(machine, name_or_path=None):
-    """Return {joint: AxisModel} of config/model, by default of the file called like the machine."""
+    """Return {joint: AxisModel} of config/model, by default of the file with the machine's name."""
     path = machine.configuration.find('model', name_or_path or machine.name)
     return in_joint_order(machine, load_config(path, ModelFile).joints, path)
 
 
 def in_joint_order(machine, per_joint, path):
-    """Return `per_joint` in the order of the machine's joints; `ConfigError` unless it names exactly these."""
+    """Return `per_joint` in the order of the machine's joints; `ConfigError` unless it has exactly these joints."""
     if set(per_joint) != set(machine.joints):
         raise ConfigError(f'{path}: joints are {sorted(per_joint)}; {machine.name} has {list(machine.joints)}')
     return {joint: per_joint[joint] for joint in machine.joints}

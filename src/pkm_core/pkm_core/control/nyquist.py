@@ -1,7 +1,7 @@
 """
-One compiled pass over a Nyquist curve: all margins of a loop, fast enough for a search over a hundred thousand loops.
+All margins of a loop in one compiled pass over its Nyquist curve, fast enough for a search over 100 000 loops.
 
-Between two frequencies the curve is taken as a straight line.
+Between two frequencies the curve is interpolated linearly.
 """
 
 import math
@@ -11,12 +11,12 @@ from numba import njit
 
 # what `loop_figures` returns, in this order
 FIGURES = (
-    'end_angle',  # [rad] of 1 + L at the last frequency, followed from the first
-    'gain_margin',  # [dB] rise of the gain that reaches -1; inf if none does
-    'gain_reduction',  # [dB] fall of the gain that does
-    'phase_margin',  # [deg] smallest turn, either way, that reaches -1
+    'end_angle',  # [rad] of 1 + L at the last frequency, unwrapped from the first
+    'gain_margin',  # [dB] increase of the gain that reaches -1; inf if none does
+    'gain_reduction',  # [dB] decrease of the gain that reaches -1
+    'phase_margin',  # [deg] smallest rotation, either way, that reaches -1
     'peak_sensitivity',  # max |S|
-    'disk_margin',  # 1/max |S - 1/2|: gain (2 + a)/(2 - a) and its inverse, phase 2 atan(a/2) at once
+    'disk_margin',  # 1/max |S - 1/2|: gain (2 + a)/(2 - a) and its inverse, and phase 2 atan(a/2)
     'crossover',  # [Hz] highest with |L| = 1; nan if there is none
     'bandwidth',  # [Hz] up to which |S| < 1, the CLBW of (7.29)
     'bandwidth_3db',  # [Hz] up to which |S| < 1/sqrt 2
@@ -26,7 +26,7 @@ FIGURES = (
 
 @njit(cache=True)
 def _passing(before, after, level):
-    """Return where between 0 and 1 a line from sqrt `before` to sqrt `after` passes `level`."""
+    """Return the position between 0 and 1 at which a line from sqrt `before` to sqrt `after` crosses `level`."""
     first = math.sqrt(before)
     return (level - first) / (math.sqrt(after) - first)
 
@@ -36,10 +36,10 @@ def loop_figures(frequency, loop, gain, start_angle, out):
     """
     Write the `FIGURES` of `gain` * `loop` (m,) at the rising `frequency` (m,) [Hz] into `out`.
 
-    `start_angle` [rad] is roughly the angle of 1 + L at the first frequency; of all its values, 2 pi apart, the nearest
-    is taken. With -pi/2 for each pole of L at z = 1 and a curve from near 0 Hz to half the sampling rate, the closed
-    loop is stable exactly if the end angle is 0: a polynomial with all n roots inside the unit circle turns by n pi
-    over the half circle, a root at z = 1 by pi/2 less.
+    `start_angle` [rad] is the approximate angle of 1 + L at the first frequency; it selects among values 2 pi apart.
+    With -pi/2 for each pole of L at z = 1 and a curve from near 0 Hz to half the sampling rate, the closed loop is
+    stable if and only if the end angle is 0: a polynomial with all n roots inside the unit circle turns by n pi over
+    the half circle, a root at z = 1 by pi/2 less.
     """
     rise, fall, phase = np.inf, np.inf, math.pi
     crossover, bandwidth, bandwidth_3db, tracking = math.nan, math.nan, math.nan, math.nan

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 class PidLaw:
-    """What has kp [V/m], ki [V/(m s)], kd [V s/m], derivative_filter [s] and, in series, the filters `stages`."""
+    """PID with gains kp [V/m], ki [V/(m s)], kd [V s/m], derivative_filter [s] and, in series, the filters `stages`."""
 
     kp: float
     ki: float

@@ -1,13 +1,13 @@
 """
-The robust controller of one axis, thesis (7.21)-(7.25), as it runs on every encoder tick.
+The robust controller of one axis, thesis (7.21)-(7.25), evaluated once per encoder tick.
 
     e = r - y
     uc = KP e + I + D,  I = I + KI Ts e,  D = (tau D + KD (e - e_previous))/(tau + Ts)
     uf = Kv v + Ka a + Kj j + learned
-    u = FL FN (uc + uf), held within +-limit
+    u = FL FN (uc + uf), saturated at +-limit
 
-The feedforward passes the filters, so Kv, Ka, Kj hold for filters of any gain at rest. The integrator stands still
-while u is held and e would drive it further.
+The feedforward passes the filters; Kv, Ka, Kj include their gain at rest. Anti-windup: the integrator is frozen while
+u is saturated and e would drive it further.
 """
 
 import math
@@ -26,12 +26,12 @@ from pkm_core.errors import PkmError
 
 
 class RobustGains(PidLaw, Config):
-    """Feedback of one axis in physical units (the thesis prints its gains per sample and per count)."""
+    """Feedback gains of one axis in physical units; the thesis prints its gains per sample and per count."""
 
-    kp: Annotated[quantity('V/m'), Field(gt=0)]
-    ki: Annotated[quantity('V/(m s)'), Field(ge=0)]
-    kd: Annotated[quantity('V s/m'), Field(ge=0)]
-    derivative_filter: Annotated[Time, Field(ge=0)]  # tau, the t of (7.21)
+    kp: Annotated[quantity('V/m'), Field(gt=0, description='KP')]
+    ki: Annotated[quantity('V/(m s)'), Field(ge=0, description='KI')]
+    kd: Annotated[quantity('V s/m'), Field(ge=0, description='KD')]
+    derivative_filter: Annotated[Time, Field(ge=0, description='tau, the t of (7.21)')]
     lag: filters.Lag
     notch: filters.Notch
 
@@ -49,33 +49,33 @@ class ControlFile(Config):
 
 def load_control(machine, name_or_path=None):
     """
-    Return {joint: RobustGains} of config/control, by default of the file called like the machine.
+    Return {joint: RobustGains} of config/control, by default of the file with the machine's name.
 
     Raises
     ------
     ConfigError
-        If the file is refused or does not name exactly the machine's joints.
+        If the file is refused or its joints are not those of the machine.
     PkmError
-        If a loop would be unstable on the model of its axis; the margin is named.
+        If the loop of an axis is unstable on its model; the margin is in the message.
 
     """
     path = machine.configuration.find('control', name_or_path or machine.name)
-    control = in_joint_order(machine, load_config(path, ControlFile).joints, path)
+    gains = in_joint_order(machine, load_config(path, ControlFile).joints, path)
     for joint, model in load_model(machine).items():
-        require_stable(f'{path}: {joint}', control[joint], model, machine.sample_time)
-    return control
+        require_stable(f'{path}: {joint}', gains[joint], model, machine.sample_time)
+    return gains
 
 
 def feedforward_gains(gains, model, sample_time):
     """
     Return Kv [V s/m], Ka [V s^2/m], Kj [V s^3/m] of (7.24): the inverse of K exp(-s dl)/(s (s + a)) to third order.
 
-    dl = computation delay and hold (1.5 Ts), current loop, modes, lag and notch, each by its delay of slow signals.
+    dl is the sum of the delays of slow signals: computation and hold (1.5 Ts), current loop, modes, lag and notch.
     """
     delay = 1.5 * sample_time + model.low_frequency_delay()
     for stage in gains.stages:
         delay += filters.low_frequency_delay(stage.discrete(sample_time), sample_time)
-    whole = model.gain * gains.lag.dc_gain  # the notch has 1
+    whole = model.gain * gains.lag.dc_gain  # the gain of the notch at rest is 1
     return model.viscosity / whole, (1 + model.viscosity * delay) / whole, delay / whole
 
 
@@ -104,11 +104,12 @@ def step(index, measured, reference, feedforward, parameters, state):
 
 class RobustController:
     """
-    The controller of one axis: `load` a cycle, then `update` once a tick.
+    The controller of one axis: `load` a cycle, then `update` once per tick.
 
-    Loading the next cycle exchanges reference and feedforward; integrator, derivative and filters run on, and the
-    integrator takes up the step between the two feedforwards, so that the voltage does not jump at the boundary. (A
-    learned feedforward changes its level every cycle; such a step moved a resting slider by 2 um for 20 ms.)
+    Loading the next cycle replaces reference and feedforward; integrator, derivative and filters keep their state. The
+    integrator takes up the step between the two feedforwards, which keeps the voltage continuous at the boundary. (A
+    learned feedforward changes its level in every cycle; without this, the step moved a resting slider by 2 um for
+    20 ms.)
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ class RobustController:
     sample_time : float
         Ts [s].
     voltage_limit : float
-        The output is held within plus and minus this [V].
+        The output saturates at plus and minus this value [V].
 
     """
 
@@ -127,7 +128,7 @@ class RobustController:
         self._take(gains)
         self._state = np.empty(7)  # integral, derivative, previous error, lag (2), notch (2)
         self.reset()
-        # numba compiles, or loads what it has compiled, at the first call: here, not in the first tick
+        # numba compiles or loads its cache at the first call: here, not in the first tick
         step(0, 0.0, np.zeros(1), np.zeros(1), self._parameters, self._state.copy())
 
     def _take(self, gains):
@@ -142,21 +143,21 @@ class RobustController:
         ])  # fmt: skip
 
     def reset(self):
-        """Forget everything: no cycle is loaded and the axis is taken to be at rest."""
+        """Return to the initial state: no cycle is loaded and the axis is assumed to be at rest."""
         self._state[:] = 0.0
-        self._state[2] = np.nan  # no previous error: the first difference is zero, not a kick
+        self._state[2] = np.nan  # no previous error: the first difference is zero
         self._samples = self._next = 0
         self._reference = self._feedforward = np.empty(0)
         self._motion: tuple = ()
 
     def load(self, position, velocity, acceleration, jerk, learned):
         """
-        Take the reference of one cycle [m, m/s, m/s^2, m/s^3] and its learned feedforward [V], each of shape (N,).
+        Load the reference of one cycle [m, m/s, m/s^2, m/s^3] and its learned feedforward [V], each of shape (N,).
 
         Raises
         ------
         PkmError
-            If lengths differ or a value is not finite; what was loaded before stays.
+            If lengths differ or a value is not finite; the previous cycle stays loaded.
 
         """
         rows = [np.array(values, dtype=np.float64) for values in (position, velocity, acceleration, jerk, learned)]
@@ -169,7 +170,7 @@ class RobustController:
                 raise PkmError(f'cycle: {name} is {row[index]} at sample {index}; expected a finite number')
         self._motion = tuple(rows[1:])
         feedforward = self._sum_feedforward()
-        # cycles repeat: after the last sample the old feedforward would have gone on with its first one
+        # cycles repeat: after its last sample the old feedforward would continue with its first one
         self._state[0] += (self._feedforward[0] if self._samples else 0.0) - feedforward[0]
         self._samples, self._next, self._reference, self._feedforward = samples, 0, rows[0], feedforward
 
@@ -180,15 +181,15 @@ class RobustController:
 
     def exchange(self, gains, model=None):
         """
-        Go on with other `gains`, and another `model` if given, from the next tick, without a jump of the voltage.
+        Use other `gains`, and another `model` if given, from the next tick on, without a step of the voltage.
 
-        The derivative is scaled to the new KD, the integrator takes up what else changes in front of the filters, and
-        the filters are set so that their next two outputs are those the old ones would have had.
+        The derivative is scaled to the new KD. The integrator takes up all other changes before the filters. The state
+        of the filters is set such that their next two outputs equal those of the old filters.
 
         Raises
         ------
         PkmError
-            If the loop would be unstable on the model of its axis, with the margin; the old gains stay.
+            If the loop is unstable on the model of its axis; the message has the margin, the old gains stay.
 
         """
         model = self._model if model is None else model
@@ -213,7 +214,7 @@ class RobustController:
             inputs = outputs
 
     def compiled(self):
-        """Return reference, feedforward, parameters, state, for a compiled loop that calls `step` on all samples."""
+        """Return reference, feedforward, parameters and state for a compiled loop that calls `step` on all samples."""
         self._next = self._samples
         return self._reference, self._feedforward, self._parameters, self._state
 
@@ -224,7 +225,7 @@ class RobustController:
         Raises
         ------
         PkmError
-            If the measurement is not finite or the loaded cycle has no such sample; the state stays as it was.
+            If the measurement is not finite or the loaded cycle has no such sample; the state is unchanged.
 
         """
         if not math.isfinite(measured):
@@ -236,10 +237,10 @@ class RobustController:
 
 
 def _matching_stage(old, new, state, old_inputs, new_inputs):
-    """Return the next two outputs of a filter and the state from which a new one has the same; inputs are (2,) each."""
+    """Return the next two outputs of a filter and the state from which the new one has the same; inputs (2,) each."""
 
     def free(coefficients, inputs, first):
-        """Return what the inputs and the first output put into the two outputs, the state left out."""
+        """Return the contribution of the inputs and the first output to the two outputs, without the state."""
         b0, b1, _, a1, _ = coefficients
         return b0 * inputs[0], b0 * inputs[1] + b1 * inputs[0] - a1 * first
 

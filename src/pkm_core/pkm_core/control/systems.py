@@ -1,7 +1,7 @@
 """
-Linear models of one discrete loop as plain matrices: what margins, tuning and the check of new gains have in common.
+Linear models of one discrete loop as plain matrices; used by margins, tuning and the check of new gains.
 
-`System.control` hands one to python-control, whose import takes seconds; nothing that runs in a node needs that.
+`System.control` converts one for python-control, whose import takes seconds; no node needs that.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class System:
         )
 
     def sampled(self, sample_time):
-        """Return the discrete system a zero-order hold makes of this continuous one; exact."""
+        """Return this continuous system discretised with a zero-order hold; exact."""
         from scipy.linalg import expm
 
         n = self.B.size
@@ -59,14 +59,14 @@ class System:
         return np.linalg.eigvals(self.A - self.B @ self.C / (1 + self.D))
 
     def control(self, sample_time):
-        """Return the discrete system as a python-control object, for that package's own tools."""
+        """Return the discrete system as a python-control object."""
         import control
 
         return control.ss(self.A, self.B, self.C, self.D, sample_time)
 
 
 def plant_system(model, sample_time):
-    """Return z^-1 ZOH{P}, voltage [V] to position [m] of an `AxisModel`: one whole sample of computation."""
+    """Return z^-1 ZOH{P}, voltage [V] to position [m] of an `AxisModel`; z^-1 is the computation delay."""
     corner = 2 * np.pi * model.current_loop
     plant = System.of([[-corner]], [corner], [1])
     plant = plant.then(System.of([[0, 1], [0, -model.viscosity]], [0, model.gain], [1, 0]))
@@ -85,7 +85,7 @@ def open_loop(gains, model, sample_time):
 
 
 def _pid_system(gains, sample_time):
-    """Return KP + KI Ts/(1 - 1/z) + KD (1 - 1/z)/(Ts + tau (1 - 1/z)); an integral that is not there is no state."""
+    """Return KP + KI Ts/(1 - 1/z) + KD (1 - 1/z)/(Ts + tau (1 - 1/z)); with KI = 0 there is no integral state."""
     carry = gains.derivative_filter / (gains.derivative_filter + sample_time)
     slope = gains.kd / (gains.derivative_filter + sample_time)
     if not gains.ki:

@@ -1,9 +1,10 @@
 """Laser measurements at standing poses: encoder readings and end-point displacements from one unknown datum."""
 
 import csv
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from pkm_core.config import Config, find_config, load_config
 from pkm_core.design.specimen import LINKS, OFFSETS, end_point, error_names
@@ -13,11 +14,11 @@ from pkm_core.machines.checks import ANGLES
 
 
 class LaserConfig(Config):
-    """What one measurement is worth: model of config/design/laser.yaml."""
+    """Errors of one measurement by the laser: model of config/design/laser.yaml."""
 
     resolution: NotNegativeLength
-    noise: NotNegativeLength
-    rotation_arm: PositiveLength
+    noise: Annotated[NotNegativeLength, Field(description='standard deviation of one reading')]
+    rotation_arm: Annotated[PositiveLength, Field(description='displacement per rotation [m/rad]')]
 
     def scale(self, machine):
         """Return what turns a length read by the laser into each coordinate (m,) of `machine`."""

@@ -75,8 +75,8 @@ class Offsets(Config):
 class Design(Config):
     """Lengths l of links 2 to 8 and k of links 10 and 12."""
 
-    l: PositiveLength  # of links 2 to 8  # noqa: E741 - the thesis's symbol
-    k: PositiveLength
+    l: Annotated[PositiveLength, Field(description='of links 2 to 8')]  # noqa: E741 - the thesis's symbol
+    k: Annotated[PositiveLength, Field(description='of links 10 and 12')]
 
 
 class Range(Config):
@@ -95,8 +95,8 @@ class Range(Config):
 class Bounds(Config):
     """Ranges of l and k."""
 
-    l: Range  # of links 2 to 8  # noqa: E741 - the thesis's symbol
-    k: Range
+    l: Annotated[Range, Field(description='of links 2 to 8')]  # noqa: E741 - the thesis's symbol
+    k: Annotated[Range, Field(description='of links 10 and 12')]
 
 
 class OperationalWorkspace(Config):

@@ -14,13 +14,13 @@ def _spread(unit):
     class Spread(Config):
         """One random error: `normal` with this standard deviation, or `uniform` with this half width."""
 
-        normal: Annotated[quantity(unit), Field(ge=0.0)] | None = None
-        uniform: Annotated[quantity(unit), Field(ge=0.0)] | None = None
+        normal: Annotated[quantity(unit), Field(ge=0.0, description='standard deviation')] | None = None
+        uniform: Annotated[quantity(unit), Field(ge=0.0, description='half width')] | None = None
 
         @model_validator(mode='after')
         def _one_of_them(self):
             if (self.normal is None) == (self.uniform is None):
-                raise ValueError('give normal or uniform, one of them')
+                raise ValueError('expected exactly one of normal and uniform')
             return self
 
         @property

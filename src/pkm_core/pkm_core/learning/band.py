@@ -9,7 +9,7 @@ from pkm_core.config import Config, Frequency
 
 
 class Band(Config):
-    """Zero-phase weight: half a cosine up from `rise_from` to `rise_to`, down from `fall_from` to `fall_to`."""
+    """Zero-phase weight: a half cosine up from `rise_from` to `rise_to`, down from `fall_from` to `fall_to`."""
 
     rise_from: Annotated[Frequency, Field(ge=0)]
     rise_to: Frequency

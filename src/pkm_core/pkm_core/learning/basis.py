@@ -1,18 +1,19 @@
 """
-Learning a few parameters instead of a signal: what is learned on some moves also holds for moves never driven.
+Learning a few parameters instead of a signal: parameters learned on some moves are valid for other moves.
 
     u = B theta,   theta <- theta + gain (G B)^+ e
 
-The columns of B are the forces of regressors.py, taken through the inverse of lag, notch, delay, drive and modes, so
-that they arrive as forces; G B is what they do to the position in the closed loop; ^+ is least squares. What a motion
-cannot tell apart (a partner that stands still, say) stays out of it: singular values below `resolution` are dropped.
+The columns of B are the forces of regressors.py, filtered by the inverse of lag, notch, delay, drive and modes: at the
+slider they act as forces. G B is their effect on the position in the closed loop; ^+ is the least-squares inverse.
+Directions that a motion does not excite (a partner at rest, for example) are excluded: singular values below
+`resolution` are dropped.
 
-The law needs the reference (`with_reference`) and has two more uses: `parameters` of a feedforward learned on one
-motion, and from them the `feedforward` of another. To learn parameters that transfer, drive a motion in which partners
-accelerate alike and oppositely (training.py).
+The law needs the reference (`with_reference`) and has two more functions: `parameters` of a feedforward learned on one
+motion, and the `feedforward` of another motion from parameters. For parameters that transfer, use a motion in which
+partners accelerate in the same and in opposite directions (training.py).
 
-Convergence: (G B)^+ projects, so in the norm of what theta does to the position the distance to the fixed point shrinks
-at least by the largest |1 - gain G_true/G| within the band, whatever the motion.
+Convergence: (G B)^+ is a projection. In the norm of the position change due to theta, the distance to the fixed point
+shrinks at least by the largest |1 - gain G_true/G| within the band, for any motion.
 """
 
 import copy
@@ -29,18 +30,20 @@ from pkm_core.learning.law import Law, LawConfig
 from pkm_core.learning.regressors import forces
 from pkm_core.motion.trajectory import SampledTrajectory
 
-ROUNDING = 1e-6  # of the largest force; below, it is rounding of a joint that stands still
+ROUNDING = 1e-6  # of the largest force; below this a column is rounding of a joint at rest
 
 
 class BasisConfig(LawConfig):
     """Parameters of the law; the forces are limited to `band`."""
 
-    slips: tuple[Annotated[Length, Field(gt=0)], ...]  # over which friction turns over
-    resolution: Annotated[Number, Field(gt=0, lt=1)]  # of what is told apart, over the largest singular value
+    slips: Annotated[
+        tuple[Annotated[Length, Field(gt=0)], ...], Field(description='distances over which friction reverses')
+    ]
+    resolution: Annotated[Number, Field(gt=0, lt=1, description='smallest singular value used, over the largest')]
 
 
 class BasisLaw(Law):
-    """The law with basis functions; as made it knows no motion, see `with_reference`."""
+    """The law with basis functions; it needs a motion, see `with_reference`."""
 
     Parameters = BasisConfig
     _trajectory: SampledTrajectory | None = None
@@ -55,7 +58,7 @@ class BasisLaw(Law):
             )
         law = copy.copy(self)
         law._trajectory = trajectory
-        law._fits = {joint: law._fit(joint) for joint in law.control}
+        law._fits = {joint: law._fit(joint) for joint in law.gains}
         return law
 
     def parameters(self, joint, feedforward):
@@ -65,9 +68,9 @@ class BasisLaw(Law):
 
     def feedforward(self, joint, parameters, *, rested=False):
         """
-        Return the feedforward (N,) [V] that `parameters` of `parameters()` give on this law's motion.
+        Return the feedforward (N,) [V] of `parameters` on this law's motion.
 
-        `rested`: for a first cycle after power-up, when friction is at rest; else for a cycle that follows its like.
+        `rested`: for the first cycle after power-up, with friction at rest; else for a cycle preceded by the same one.
         """
         names, basis, _, _ = self._fitted(joint, None)
         if set(parameters) != set(names):
@@ -77,7 +80,7 @@ class BasisLaw(Law):
         return self._bounded(joint, basis @ [parameters[name] for name in names])
 
     def memory(self, joint, frequency):
-        """Return 1 within the band: see the bound above."""
+        """Return 1 within the band, for the bound on convergence of this module."""
         return (self.config.band.weight(frequency) > 0).astype(float)
 
     def action(self, joint, frequency):
@@ -98,7 +101,7 @@ class BasisLaw(Law):
 
     def _reference(self, joint):
         if self._trajectory is None:
-            raise LearningError(f'learning {joint}: the basis law needs the reference; give it by with_reference')
+            raise LearningError(f'learning {joint}: the basis law has no reference; call with_reference first')
         return self._trajectory
 
     def _fit(self, joint):
@@ -127,8 +130,8 @@ class BasisLaw(Law):
         weight = self.config.band.weight(frequency)
         learned = weight > 0
         f = frequency[learned]
-        z, s, gains = unit_circle(f, machine.sample_time), 2j * np.pi * f, self.control[joint]
-        # from the feedforward to the force: everything up to the position but K/(s (s + a))
+        z, s, gains = unit_circle(f, machine.sample_time), 2j * np.pi * f, self.gains[joint]
+        # from the feedforward to the force: the path to the position without K/(s (s + a))
         arrival = gains.response(z, machine.sample_time) / gains.pid_response(z, machine.sample_time)
         arrival = arrival * plant_system(model, machine.sample_time)(z) * s * (s + model.viscosity) / model.gain
         spectrum = np.fft.rfft(np.stack(list(shapes.values()), axis=1), axis=0)

@@ -1,4 +1,4 @@
-"""Of everything driven while a motion is learned, what is worth keeping."""
+"""The best feedforward of each joint while a motion is learned."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ class _Row:
 
 class Best:
     """
-    The feedforward of every joint that left the lowest rms error, of one motion under one law.
+    The feedforward of each joint with the lowest rms error, for one motion under one law.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ class Best:
 
     def observe(self, joint, gains, error, feedforward, iteration):
         """
-        Look at a cycle of `joint` with `error` (N,) [m], driven with `feedforward` (N,) [V] in the loop of `gains`.
+        Take a cycle of `joint` with `error` (N,) [m] under `feedforward` (N,) [V] in the loop of `gains`.
 
-        With `iteration` 0 learning of the joint begins anew, and what was best before is forgotten.
+        `iteration` 0 restarts learning of the joint: the previous best is discarded.
         """
         rms, kept = float(np.sqrt(np.mean(np.square(error)))), self._rows.get(joint)
         if kept is None or iteration == 0 or rms < kept.error:
@@ -50,25 +50,25 @@ class Best:
 
     def learned(self):
         """
-        Return it as `Learned`, to be saved.
+        Return the best feedforward of all joints as `Learned`, for `store.save`.
 
         Raises
         ------
         LearningError
-            If of some joint no cycle has been seen.
+            If a joint has had no cycle.
 
         """
         machine = self._machine
         missing = [joint for joint in machine.joints if joint not in self._rows]
         if missing:
             raise LearningError(
-                f'motion {self._motion!r}, law {self._law!r}: nothing has been learned of {missing} yet'
+                f'motion {self._motion!r}, law {self._law!r}: no cycle of {missing} yet; expected one of every joint'
             )
         rows = {joint: self._rows[joint] for joint in machine.joints}
-        control = {joint: row.gains for joint, row in rows.items()}
-        law = make_law(self._law, machine, control).with_reference(self._trajectory)
+        gains = {joint: row.gains for joint, row in rows.items()}
+        law = make_law(self._law, machine, gains).with_reference(self._trajectory)
         parameters = {}
         if isinstance(law, BasisLaw):
             parameters = {joint: law.parameters(joint, row.feedforward) for joint, row in rows.items()}
-        origin = origin_of(machine, self._motion, self._law, control, self._trajectory)
+        origin = origin_of(machine, self._motion, self._law, gains, self._trajectory)
         return Learned(origin, np.stack([row.feedforward for row in rows.values()], axis=1), parameters)

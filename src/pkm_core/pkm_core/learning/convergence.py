@@ -1,10 +1,10 @@
 """
-The convergence test of a learning law, before it runs: by what factor the error of a cycle shrinks, at every frequency
-and on every model the axis may have.
+Convergence test of a learning law before its use: factor of the error per cycle, over frequency and perturbed models.
 
-From U <- M U + gain A E and E = E0 - G U the distance to the fixed point becomes M - gain A G times that of the cycle
-before. The test is that at the law's largest gain this stays below 1 on all `perturbed_models` (gain +-20 %, resonances
-+-5 %, either side of the zeros). Smaller gains then pass too: the factor is convex in the gain, and |M| <= 1 at gain 0.
+From U <- M U + gain A E and E = E0 - G U the distance to the fixed point becomes M - gain A G times that of the
+previous cycle. A law passes if, at its largest gain, the factor is below 1 on all `perturbed_models` (gain +-20 %,
+resonances +-5 %, both sides of the zeros). Smaller gains then pass too: the factor is convex in the gain, and |M| <= 1
+at gain 0.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Convergence:
 
     @property
     def worst_frequency(self):
-        """Where the largest factor is [Hz]."""
+        """Frequency of the largest factor [Hz]."""
         return float(self.frequency[self.factor.max(axis=0).argmax()])
 
     @property
@@ -58,31 +58,31 @@ def convergence(law, joint):
     models = perturbed_models(law.models[joint])
     memory, action = law.memory(joint, frequency), law.action(joint, frequency)
     gain = max(law.config.gain)
-    plants = {}  # by modes: the gain is a factor
+    plants = {}  # by modes, for gain 1
     factor = []
     for model in models:
         if model.modes not in plants:
             plants[model.modes] = plant_system(model, sample_time)(z) / model.gain
-        path = path_through(law.control[joint], model.gain * plants[model.modes], z, sample_time)
+        path = path_through(law.gains[joint], model.gain * plants[model.modes], z, sample_time)
         factor.append(np.abs(memory - gain * action * path))
     return Convergence(tuple(models), frequency, np.array(factor))
 
 
 def checked(name, law):
     """
-    Return `law`, called `name`, with its `verdict`.
+    Return `law`, named `name`, with its `verdict`.
 
     Raises
     ------
     LearningError
-        If it would diverge on any joint; the factor, where, and on which model are named.
+        If it diverges on a joint; the message has factor, frequency and model.
 
     """
-    found = {joint: convergence(law, joint) for joint in law.control}
+    found = {joint: convergence(law, joint) for joint in law.gains}
     joint = max(found, key=lambda each: found[each].worst)
     worst = found[joint]
     verdict = (
-        f'the error of {joint} at {worst.worst_frequency:.1f} Hz becomes {worst.worst:.3f} times itself every cycle '
+        f'the error of {joint} at {worst.worst_frequency:.1f} Hz is multiplied by {worst.worst:.3f} per cycle '
         f'({worst.worst_model})'
     )
     if not worst.worst < 1:

@@ -1,4 +1,4 @@
-"""The convergence test of a law as figures, as a table and as a picture."""
+"""The convergence test of a law as figures, table and plot."""
 
 import numpy as np
 from rich.markup import escape
@@ -7,17 +7,17 @@ from rich.table import Table
 from pkm_core.learning.convergence import convergence
 from pkm_core.learning.fourier import FourierLaw
 
-MOVE = (10.0, 60.0)  # [Hz] where most of the error of a 70 ms move lies
+MOVE = (10.0, 60.0)  # [Hz] band with most of the error of a 70 ms move
 
 
 def convergence_figures(law):
     """
-    Return {joint: figures} of `law`: the factor over frequency, its worst, and for a Fourier law that without advance.
+    Return {joint: figures} of `law`: the factor over frequency and its maximum; for a Fourier law also without advance.
 
-    Frequencies in Hz; factors of the error from one cycle to the next, nominal and worst over the perturbed models.
+    Frequencies in Hz; factors of the error per cycle, of the model and the worst of the perturbed models.
     """
     figures = {}
-    for joint in law.control:
+    for joint in law.gains:
         found = convergence(law, joint)
         move = (found.frequency >= MOVE[0]) & (found.frequency <= MOVE[1])
         figures[joint] = {
@@ -46,7 +46,7 @@ def convergence_table(title, figures):
     """Return the table of `convergence_figures`."""
     table = Table(title=title, title_justify='left')
     fourier = any('advance_samples' in row for row in figures.values())
-    headings = ['axis', 'worst factor\na cycle', 'at [Hz]', f'worst in\n{MOVE[0]:g} to {MOVE[1]:g} Hz']
+    headings = ['axis', 'worst factor\nper cycle', 'at [Hz]', f'worst in\n{MOVE[0]:g} to {MOVE[1]:g} Hz']
     headings += ['advance\n[samples]', 'worst without\nadvance', 'above 1\nfrom [Hz]'] if fourier else ['worst model']
     for heading in headings:
         table.add_column(escape(heading), justify='left' if heading in ('axis', 'worst model') else 'right')
@@ -63,7 +63,7 @@ def convergence_table(title, figures):
 
 
 def plot_convergence(title, figures, path):
-    """Draw the factors over frequency, an axis a panel, into the PNG `path`."""
+    """Draw the factors over frequency, one panel per axis, into the PNG `path`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

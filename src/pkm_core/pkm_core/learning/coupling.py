@@ -1,9 +1,9 @@
 """
-The feedforward that the nominal design asks for and a controller of single axes has not: what the others do to an axis.
+Feedforward of the coupling forces of the nominal design, which controllers of single axes do not include.
 
 Partners of a pair couple by 4 % of their acceleration, and inertia, Coriolis and gravity forces change with the
-position. All that is in M, C and G of the design, which everybody knows; nothing is learned or measured. It takes the
-way of a learned feedforward: through the inverse of filters, delay, drive and modes, so that it arrives as a force.
+position. These forces are in M, C and G of the nominal design; nothing is learned or measured. Like a learned
+feedforward they are filtered by the inverse of filters, delay, drive and modes: at the slider they act as forces.
 """
 
 import numpy as np
@@ -11,14 +11,14 @@ import numpy as np
 from pkm_core.learning import untested_law
 
 
-def design_feedforward(machine, control, trajectory):
+def design_feedforward(machine, gains, trajectory):
     """
-    Return the feedforward (N, n) [V] of a `SampledTrajectory` in joints under the gains `control` of `load_control`.
+    Return the feedforward (N, n) [V] of a `SampledTrajectory` in joints under the gains `gains` of `load_control`.
 
-    It is that of the basis law with the parameters known by design: 1 of all couplings and of the configuration, 0 of
-    what only learning finds.
+    It is that of the basis law with the parameters known by design: 1 for all couplings and the configuration, 0 for
+    all others.
     """
-    law = untested_law('basis', machine, control).with_reference(trajectory)  # which learns nothing here
+    law = untested_law('basis', machine, gains).with_reference(trajectory)  # untested: it makes no update
     columns = []
     for joint in machine.joints:
         names = law.parameters(joint, np.zeros(len(trajectory)))

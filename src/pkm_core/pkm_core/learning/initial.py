@@ -1,4 +1,4 @@
-"""What a motion begins with when something has been learned before: from a file of `store`."""
+"""Feedforward of the first cycle of a motion, from a file of `store`."""
 
 import numpy as np
 
@@ -7,24 +7,24 @@ from pkm_core.learning import make_law
 from pkm_core.learning.store import load, load_parameters, origin_of, read
 
 
-def first_feedforward(path, machine, motion, law, control, trajectory):
+def first_feedforward(path, machine, motion, law, gains, trajectory):
     """
     Return the feedforward (N, n) [V] of the first cycle of a motion, from the file `path`.
 
-    It is the one learned on this very motion, by whatever law. Under the basis law a file of that law serves every
-    motion: its parameters give the feedforward, with friction at rest as after power-up.
+    It is the feedforward learned on the same motion, under any law. Under the basis law a file of that law is valid for
+    every motion: its parameters give the feedforward, with friction at rest as after power-up.
 
     Parameters
     ----------
     path : str or Path
         File of `store.save`.
     machine : Machine
-        That is driven.
+        The machine in use.
     motion : str
         Name of the motion.
     law : str
-        Name of the law it is to be driven with, or 'none'.
-    control : dict of str to RobustGains
+        Name of the law in use, or 'none'.
+    gains : dict of str to RobustGains
         Of all joints.
     trajectory : SampledTrajectory
         The motion, in joints.
@@ -32,13 +32,13 @@ def first_feedforward(path, machine, motion, law, control, trajectory):
     Raises
     ------
     LearningError
-        If it is no such file, or was learned for another machine, motion, sample time or configuration.
+        If it is not such a file, or was learned for another machine, motion, sample time or configuration.
 
     """
-    origin, learned = origin_of(machine, motion, law, control, trajectory), read(path)
+    origin, learned = origin_of(machine, motion, law, gains, trajectory), read(path)
     if learned.parameters and learned.origin.law == law and learned.origin.reference != origin.reference:
         parameters = load_parameters(path, origin)
-        bound = make_law(law, machine, control).with_reference(trajectory)
+        bound = make_law(law, machine, gains).with_reference(trajectory)
         return np.stack([bound.feedforward(j, parameters.get(j, {}), rested=True) for j in machine.joints], axis=1)
     feedforward = load(path, origin)
     if feedforward.shape != trajectory.position.shape:

@@ -1,12 +1,12 @@
 """
-Learning with the inverse of the model: the error of a cycle, taken back through the path of the feedforward.
+Learning with the inverse of the model of the feedforward's effect on the position.
 
     U <- Q (U + gain E/G)
 
-G is the model's answer to the learned feedforward, delays and all, so with a perfect model and gain 1 one cycle is
-enough. It is inverted over the Fourier series of the whole cycle, without regard to causality: right-half-plane zeros,
-as the thesis's P3 has them, and delays do no harm. Q, the band, keeps the law away from the modes, whose frequencies
-and signs nobody knows well enough. The error becomes Q (1 - gain G_true/G) times that of the cycle before.
+G is the response of the model to the learned feedforward, delays included. With a perfect model and gain 1 one cycle is
+enough. The inverse is computed on the Fourier series of the whole cycle and is not causal; right-half-plane zeros, as
+in P3 of the thesis, and delays are therefore inverted too. Q, the band, excludes the modes, whose frequencies and signs
+are too uncertain. The error becomes Q (1 - gain G_true/G) times that of the previous cycle.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ class InverseConfig(LawConfig):
 
 
 class InverseLaw(FrequencyLaw):
-    """The frequency-domain model inverse with robustness filter."""
+    """The frequency-domain model inverse with a robustness filter."""
 
     Parameters = InverseConfig
 

@@ -1,9 +1,9 @@
 """
-What all learning laws share: what they refuse, the record they learn from, and the path they learn through.
+Base of all learning laws: checks, preparation of the record, and the response G from feedforward to position.
 
-The learned feedforward enters before lag and notch of the closed loop, so with P the sampled plant behind the
+The learned feedforward is added before lag and notch of the closed loop. With P the sampled plant including the
 computation delay and C = PID FL FN it moves the slider by G = FL FN P/(1 + C P). In steady repetition the error of a
-cycle is e = e0 - G u, frequency by frequency. G(0) = 0 where the loop integrates: no law ever divides by it.
+cycle is e = e0 - G u at every frequency. With integral action G(0) = 0: no law divides by it.
 """
 
 from abc import ABC, abstractmethod
@@ -22,48 +22,51 @@ from pkm_core.errors import LearningError
 from pkm_core.learning.band import Band
 from pkm_core.learning.request import check_request
 
-EDGE = 5e-3  # [s] over which the ends of a record are averaged; well inside the rest the cycle's boundary lies in
+EDGE = 5e-3  # [s] averaged at each end of a record; well inside the rest at the cycle boundary
 
 
 class LawConfig(Config):
-    """Parameters every law has, the same for all joints; a law's own come in its file."""
+    """Parameters common to all laws, the same for all joints."""
 
-    # of update 0, 1, ...; the last one stays. Smaller ones average what does not repeat.
-    gain: Annotated[tuple[Annotated[Number, Field(gt=0, le=1)], ...], Field(min_length=1)]
+    # decreasing gains average disturbances that do not repeat
+    gain: Annotated[
+        tuple[Annotated[Number, Field(gt=0, le=1)], ...],
+        Field(min_length=1, description='of update 0, 1, ...; the last one is kept'),
+    ]
     band: Band
 
 
 class Law(ABC):
     """
-    A learning law for all joints of a machine; it keeps nothing between calls.
+    A learning law for all joints of a machine, without state between calls.
 
     Parameters
     ----------
     config : LawConfig
     machine : Machine
-    control : dict of str to RobustGains
-        The loops it learns for.
+    gains : dict of str to RobustGains
+        Gains of the loops.
 
     Attributes
     ----------
     verdict : str
-        What its convergence test found; '' before.
+        Result of its convergence test; '' before the test.
 
     """
 
     Parameters: type[LawConfig] = LawConfig  # model of the law's file
     verdict = ''
 
-    def __init__(self, config, machine, control):
-        for joint, gains in control.items():
-            if not isinstance(gains, PidLaw):
-                raise LearningError(f'learning: {joint} has {type(gains).__name__}; only robust control learns')
-        self.config, self.machine, self.control = config, machine, control
+    def __init__(self, config, machine, gains):
+        for joint, axis in gains.items():
+            if not isinstance(axis, PidLaw):
+                raise LearningError(f'learning: {joint} has {type(axis).__name__}; only robust control learns')
+        self.config, self.machine, self.gains = config, machine, gains
         self.models = load_model(machine)
         self._minimum = int(np.ceil(1 / (config.band.fall_from * machine.sample_time)))  # a period of full weight
 
     def with_reference(self, trajectory):
-        """Return the law for the motion `trajectory` (a `SampledTrajectory` in joints): this one, if it needs none."""
+        """Return the law for `trajectory` (a `SampledTrajectory` in joints); this law if it needs no reference."""
         return self
 
     def update(self, joint, error, feedforward, iteration, sample_time):
@@ -73,13 +76,13 @@ class Law(ABC):
         Parameters
         ----------
         joint : str
-            One of the machine's.
+            A joint of the machine.
         error : array_like, shape (N,)
             r - y [m] of the cycle.
         feedforward : array_like, shape (N,)
-            The learned feedforward [V] it was driven with.
+            The learned feedforward [V] of the cycle.
         iteration : int
-            How many updates this feedforward has had.
+            Number of updates this feedforward has had.
         sample_time : float
             [s]
 
@@ -92,7 +95,7 @@ class Law(ABC):
         error, feedforward = np.asarray(error, dtype=np.float64), np.asarray(feedforward, dtype=np.float64)
         expected = self.machine.sample_time
         check_request(
-            joint, self.control, error, feedforward, iteration, sample_time,
+            joint, self.gains, error, feedforward, iteration, sample_time,
             expected_time=expected, minimum=self._minimum,
         )  # fmt: skip
         gain = self.config.gain[min(iteration, len(self.config.gain) - 1)]
@@ -100,31 +103,31 @@ class Law(ABC):
 
     def _bounded(self, joint, feedforward):
         if not np.isfinite(feedforward).all():
-            raise LearningError(f'learning {joint}: the feedforward would not be finite')
+            raise LearningError(f'learning {joint}: the next feedforward is not finite')
         return np.clip(feedforward, -self.machine.voltage_limit, self.machine.voltage_limit)
 
     @abstractmethod
     def _learn(self, joint, error, feedforward, gain):
-        """Return the next feedforward; arguments are checked, `error` is closed."""
+        """Return the next feedforward; the arguments are checked and `error` is closed."""
 
     @abstractmethod
     def memory(self, joint, frequency):
-        """Return what an update keeps of the feedforward at `frequency` [Hz]."""
+        """Return the share of the feedforward that an update keeps at `frequency` [Hz]."""
 
     @abstractmethod
     def action(self, joint, frequency):
-        """Return what an update of gain 1 adds for the error [V/m] at `frequency` [Hz]; 0 at 0 Hz."""
+        """Return the feedforward per error [V/m] that an update of gain 1 adds at `frequency` [Hz]; 0 at 0 Hz."""
 
     def path(self, joint, frequency):
-        """Return the model's G [m/V] at `frequency` [Hz], never 0."""
-        return learned_path(self.control[joint], self.models[joint], frequency, self.machine.sample_time)
+        """Return G [m/V] of the model at `frequency` [Hz], which must not be 0."""
+        return learned_path(self.gains[joint], self.models[joint], frequency, self.machine.sample_time)
 
 
 class FrequencyLaw(Law):
-    """A law that treats every frequency by itself: U <- memory U + gain action E over the Fourier series of a cycle."""
+    """A law without coupling of frequencies: U <- memory U + gain action E for the Fourier series of a cycle."""
 
-    def __init__(self, config, machine, control):
-        super().__init__(config, machine, control)
+    def __init__(self, config, machine, gains):
+        super().__init__(config, machine, gains)
         self._on_grid = cache(self._on_grid)  # type: ignore[method-assign]
 
     def _learn(self, joint, error, feedforward, gain):
@@ -138,11 +141,10 @@ class FrequencyLaw(Law):
 
 def closed(error, sample_time):
     """
-    Return the record `error` (N,) less the ramp between its ends.
+    Return the record `error` (N,) minus the ramp between its ends.
 
-    A Fourier series takes the record as one turn of an endless one. Where the error has moved on between its first and
-    its last sample, the jump would be learned as a kick at the boundary, though it is a change from cycle to cycle,
-    which the integrator deals with, and nothing that repeats.
+    A Fourier series is that of a periodic signal. If first and last sample differ, the law would learn a step at the
+    boundary. But the difference is a change from cycle to cycle, which the integrator removes; it does not repeat.
     """
     edge = max(1, min(round(EDGE / sample_time), error.size // 2))
     slope = (error[-edge:].mean() - error[:edge].mean()) / (error.size - edge)
@@ -150,12 +152,12 @@ def closed(error, sample_time):
 
 
 def learned_path(gains, model, frequency, sample_time):
-    """Return G [m/V], learned feedforward to position, of a loop on an `AxisModel` at `frequency` [Hz], never 0."""
+    """Return G [m/V], learned feedforward to position, of a loop on an `AxisModel` at `frequency` [Hz], not 0."""
     z = unit_circle(frequency, sample_time)
     return path_through(gains, plant_system(model, sample_time)(z), z, sample_time)
 
 
 def path_through(gains, plant, z, sample_time):
-    """Return G [m/V] at the points `z` where the plant's response is `plant` [m/V], any shapes that broadcast."""
+    """Return G [m/V] at the points `z` for the plant response `plant` [m/V]; shapes are broadcast."""
     forward = gains.response(z, sample_time) * plant
     return forward / (1 + forward) / gains.pid_response(z, sample_time)

@@ -1,7 +1,7 @@
 """
-The watch over learning on the machine: notices divergence within two cycles, and goes back to the best feedforward.
+Monitor of learning on the machine: detects divergence within two cycles and returns to the best feedforward.
 
-The convergence test before the start knows models; this knows only what came of it. A `Monitor` watches one joint.
+The convergence test before the start uses models; the monitor uses the measured error. One `Monitor` per joint.
 """
 
 from dataclasses import dataclass
@@ -10,38 +10,41 @@ import numpy as np
 
 from pkm_core.errors import LearningError
 
-GROWTH = 1.5  # twice in a row: an unstable law, an error of sign
-LEVEL = 3.0  # times the level reached, two cycles in a row: slow divergence, or a machine that has changed
-LOST = 0.25  # of what learning had won; friction that does not repeat costs less
-FLOOR = 2e-6  # [m] rms; below, the tolerance of 5 um is not at stake, and noise of encoder and friction may grow so
-RETRY = 30  # [cycles] after going back, within which going back again ends learning
+GROWTH = 1.5  # twice in a row: an unstable law or a wrong sign
+LEVEL = 3.0  # times the level reached, in two cycles in a row: slow divergence, or a changed machine
+LOST = 0.25  # of the improvement by learning; friction that does not repeat costs less
+FLOOR = 2e-6  # [m] rms; errors below it are within the tolerance of 5 um and may be noise of encoder and friction
+RETRY = 30  # [cycles]; a second divergence within this number ends learning
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What to do after a cycle."""
+    """Decision after a cycle."""
 
-    feedforward: np.ndarray  # (N,) [V] to update, or to drive the next cycle with as it is
-    learn: bool  # whether to ask the law for an update of it
-    iteration: int  # how many updates it has had
-    message: str  # what was noticed; '' if nothing
+    feedforward: np.ndarray  # (N,) [V] to update, or to use unchanged in the next cycle
+    learn: bool  # whether the law updates it
+    iteration: int  # number of updates it has had
+    message: str  # the detected divergence; '' if none
 
 
 class Monitor:
     """
-    Watches one joint from cycle to cycle; use a new one for a new motion or law.
+    Monitors one joint from cycle to cycle; use a new one for a new motion or law.
 
-    The error of a cycle is its rms. The level reached is the lowest of the first cycle's and of the means of any three
-    in a row; the luckiest single cycle is no measure where friction does not repeat. The error diverges if it grows by
-    half twice in a row, away from that level, or stays above three times the level for two cycles, and a good part of
-    what had been won is lost. Then the feedforward with the lowest error is driven again and learning begins anew from
-    it, with the first gains of the law, which also is what a change of the machine asks for. If it soon diverges once
-    more, learning of this joint ends and the best feedforward stays.
+    The error of a cycle is its rms. The level reached is the lowest of the first error and of all means of three errors
+    in a row; the single best cycle is no measure if friction does not repeat. Divergence means both:
+
+    - The error grows by half twice in a row, away from that level, or is above three times the level for two cycles.
+    - A quarter of the improvement by learning is lost.
+
+    Then the feedforward with the lowest error is used again, and learning restarts from it with the first gains of the
+    law. A restart is also right after a change of the machine. If the error diverges again within `RETRY` cycles,
+    learning of this joint ends and the best feedforward is kept.
 
     Attributes
     ----------
     best : ndarray, shape (N,)
-        Feedforward [V] with the lowest error since learning last began; empty before the first cycle.
+        Feedforward [V] with the lowest error since learning was last started; empty before the first cycle.
 
     """
 
@@ -56,7 +59,7 @@ class Monitor:
 
     def observe(self, error, feedforward):
         """
-        Return the `Decision` after a cycle with this `error` (N,) [m], driven with this `feedforward` (N,) [V].
+        Return the `Decision` after a cycle with this `error` (N,) [m] under this `feedforward` (N,) [V].
 
         Raises
         ------
@@ -92,8 +95,8 @@ class Monitor:
         self._returned = True
         message = (
             f'learning of {self.joint} diverges: {", ".join(f"{1e6 * rms:.1f}" for rms in self._recent)} um rms in the '
-            f'last cycles; back to the feedforward that left {1e6 * self._lowest:.1f} um, '
-            + ('where it stays, for this is the second time' if self._ended else 'and learning anew')
+            f'last cycles; returned to the feedforward with {1e6 * self._lowest:.1f} um, '
+            + ('learning ends after the second divergence' if self._ended else 'learning restarts')
         )
         self._begin()
         return Decision(self.best, False, 0, message)

@@ -1,16 +1,16 @@
 """
-Norm-optimal learning: the next feedforward v is the one that minimises
+Norm-optimal learning: the next feedforward v minimises
 
     |e - G (v - u)|^2 + |v|^2 weighted with S + |v - u|^2 weighted with R
 
-over a whole cycle, lifted into vectors: error, effort and change in balance. Cycles follow each other without a reset,
-so in steady repetition the lifted G is circulant, and the Fourier series of the cycle diagonalises the problem:
+over a whole cycle in lifted form: error, effort and change. Cycles follow each other without a reset; in steady
+repetition the lifted G is circulant, and the Fourier series of the cycle diagonalises the problem:
 
     V = ((|G|^2 + R) U + gain G* E)/(|G|^2 + S + R)
 
-S weighs second differences, |1 - 1/z|^4, and overtakes |G|^2 at the frequency `effort`: from there on the law gives up.
-R is constant, small beside the largest |G|^2. It holds the law back where G is small: without it the slow harmonics,
-G -> 0 with integral action, are 0/0 and the learned signal drifts to millimetres.
+S weights second differences, |1 - 1/z|^4. It equals |G|^2 at the frequency `effort`, above which the law learns little.
+R is constant and small compared with the largest |G|^2. It limits the law where G is small: without R the slow
+harmonics, G -> 0 with integral action, are 0/0 and the learned signal drifts to millimetres.
 """
 
 from typing import Annotated
@@ -23,10 +23,10 @@ from pkm_core.learning.law import FrequencyLaw, LawConfig
 
 
 class NormOptimalConfig(LawConfig):
-    """Parameters of the law; outside `band` nothing is learned."""
+    """Parameters of the law; the feedforward is zero outside `band`."""
 
-    effort: Annotated[Frequency, Field(gt=0)]  # where S = |G|^2
-    change: Annotated[Number, Field(gt=0)]  # R over the largest |G|^2
+    effort: Annotated[Frequency, Field(gt=0, description='where S = |G|^2')]
+    change: Annotated[Number, Field(gt=0, description='R over the largest |G|^2')]
 
 
 class NormOptimalLaw(FrequencyLaw):
@@ -34,11 +34,11 @@ class NormOptimalLaw(FrequencyLaw):
 
     Parameters = NormOptimalConfig
 
-    def __init__(self, config, machine, control):
-        super().__init__(config, machine, control)
+    def __init__(self, config, machine, gains):
+        super().__init__(config, machine, gains)
         frequency = np.arange(1.0, config.band.fall_to)
         self._change, self._effort = {}, {}
-        for joint in control:
+        for joint in gains:
             self._change[joint] = config.change * np.abs(self.path(joint, frequency)).max() ** 2
             corner = np.array([config.effort])
             self._effort[joint] = float(np.abs(self.path(joint, corner))[0] ** 2 / self._second_difference(corner)[0])

@@ -1,7 +1,7 @@
 """
-What drives an axis besides its model: the shapes over time a learned feedforward may be made of, from the reference.
+Basis functions of a learned feedforward, from the reference: forces on an axis that its model does not include.
 
-Each is a force as the voltage that makes it [V], so that the parameter of a thing known by design is about 1.
+Each is a force expressed as the equivalent voltage [V]; the parameter of a force known by design is then about 1.
 """
 
 import numpy as np
@@ -12,18 +12,18 @@ def forces(machine, model, trajectory, column, slips, *, rested):
     Return {name: voltage (N,) [V]} for the joint in `column` of a trajectory in joints.
 
     velocity, acceleration, jerk
-        What the feedforward's K, a and delay are off by; the jerk over 1 ms.
+        Errors of K, a and delay in the feedforward; the jerk over 1 ms.
     slip_...
-        Friction: a force that follows the direction of motion, 0.1 V. The guide turns over within some micrometres, so
-        each is the sign of the speed behind one of the distances `slips` [m] (exponential, the model of Dahl). A
-        sudden sign(v) would push before the motion has begun, and let go at standstill what friction holds.
+        Friction: a force of 0.1 V against the direction of motion. It reverses within some micrometres of travel; each
+        function is the sign of the speed with an exponential transition over one of the distances `slips` [m] (model
+        of Dahl). A sudden sign(v) would act before the motion begins, and would drop at standstill.
     acceleration_...
-        Of every other joint, times what the nominal design's M(q) couples.
+        Acceleration of each other joint times the coupling term of the nominal design's M(q).
     configuration
-        What the nominal design's own inertia, Coriolis and gravity force change by with the position.
+        Change of the nominal design's own inertia, Coriolis and gravity force with the position.
     position, position_squared
-        Own acceleration times the distance from home over half the travel, and its square: a thrust that depends on
-        where the magnets are.
+        Own acceleration times the distance from home over half the travel, and times its square: position dependence
+        of the thrust.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ def forces(machine, model, trajectory, column, slips, *, rested):
     column : int
         Of the joint.
     slips : sequence of float
-        Distances over which friction turns over [m].
+        Distances over which friction reverses [m].
     rested : bool
-        Whether friction is at rest when the cycle begins, as after power-up; else the cycle follows one like itself.
+        Whether friction is at rest at the start of the cycle, as after power-up; else the same cycle precedes it.
 
     """
     joint, (q, qd, qdd, jerk) = machine.joints[column], trajectory.derivatives()
@@ -66,9 +66,9 @@ def forces(machine, model, trajectory, column, slips, *, rested):
 
 def slip(position, length, *, rested):
     """
-    Return the friction z (N,) of a guide over its Coulomb friction along `position` (N,) [m].
+    Return the friction z (N,) of a guide, relative to its Coulomb friction, along `position` (N,) [m].
 
-    dz = (sgn(dx) - z) |dx|/length. `rested`: z begins at 0; else with what one such cycle before would have left.
+    dz = (sgn(dx) - z) |dx|/length. `rested`: z starts at 0; else at its value after one preceding cycle.
     """
     step = np.diff(position, prepend=position[0] if rested else position[-1])
     sides, decays = np.sign(step).tolist(), np.exp(-np.abs(step) / length).tolist()

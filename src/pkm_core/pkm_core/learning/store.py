@@ -1,7 +1,7 @@
 """
-Learned feedforward on disk, with what it belongs to; whoever loads it for something else is refused.
+Learned feedforward on disk, with its origin; loading it for another origin is refused.
 
-One .npz file holds the feedforward of a motion (N, n) [V] and, of the basis law, the parameters that hold for others.
+One .npz file has the feedforward of a motion (N, n) [V] and, for the basis law, the parameters valid for all motions.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from pkm_core.errors import LearningError
 
 @dataclass(frozen=True)
 class Origin:
-    """What a learned feedforward belongs to."""
+    """Conditions under which a learned feedforward is valid."""
 
     machine: str
     motion: str
@@ -30,28 +30,28 @@ class Origin:
 
 @dataclass(frozen=True)
 class Learned:
-    """What a file holds."""
+    """Content of a file."""
 
     origin: Origin
     feedforward: np.ndarray  # (N, n) [V]
     parameters: dict[str, dict[str, float]]  # by joint and name, of the basis law; else empty
 
 
-def origin_of(machine, motion, law, control, trajectory):
-    """Return the `Origin` of what the law called `law` learns on the motion called `motion`, `trajectory` in joints."""
+def origin_of(machine, motion, law, gains, trajectory):
+    """Return the `Origin` for the law named `law` and the motion named `motion` with `trajectory` in joints."""
     return Origin(
         machine=machine.name,
         motion=motion,
         law=law,
         sample_time=machine.sample_time,
-        config=design_hash(machine, control),
+        config=design_hash(machine, gains),
         reference=_digest(np.ascontiguousarray(trajectory.position).tobytes()),
     )
 
 
-def design_hash(machine, control):
-    """Return 12 hex digits that change with the machine's design, its models or the gains `control`, {joint: gains}."""
-    joints = {'control': control, 'model': load_model(machine)}
+def design_hash(machine, gains):
+    """Return 12 hex digits that change with the machine's design, its models or its gains {joint: gains}."""
+    joints = {'control': gains, 'model': load_model(machine)}
     config = [machine.config.model_dump_json()]
     config += [f'{kind} {joint} {each[joint].model_dump_json()}' for kind, each in joints.items() for joint in each]
     return _digest('\n'.join(config).encode())
@@ -74,8 +74,8 @@ def load(path, origin):
     Raises
     ------
     LearningError
-        If it is no such file, or was learned for something else: each difference is named. By which law does not
-        matter to who drives it.
+        If the file cannot be read or has another origin; each difference is named. The law is not compared: the
+        feedforward is valid under any law.
 
     """
     learned = read(path)
@@ -84,16 +84,16 @@ def load(path, origin):
 
 
 def load_parameters(path, origin):
-    """Return the {joint: {name: parameter}} in the file `path`; errors as `load`, but any motion will do."""
+    """Return the {joint: {name: parameter}} in the file `path`; errors as `load`, with the law and any motion."""
     learned = read(path)
     _require(path, learned.origin, origin, ('machine', 'law', 'sample_time', 'config'))
     if not learned.parameters:
-        raise LearningError(f'{path}: holds no parameters; expected a file of the basis law')
+        raise LearningError(f'{path}: has no parameters; expected a file of the basis law')
     return learned.parameters
 
 
 def read(path):
-    """Return the `Learned` in the file `path`, whatever it belongs to."""
+    """Return the `Learned` in the file `path`, without a check of its origin."""
     try:
         with np.load(Path(path)) as data:
             feedforward, text = data['feedforward'], json.loads(str(data['text']))
@@ -101,9 +101,11 @@ def read(path):
     except OSError as error:
         raise LearningError(f'{path}: cannot be read: {error.strerror or error}') from None
     except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise LearningError(f'{path}: is no file of learned feedforward: {error}') from None
+        raise LearningError(f'{path}: is not a file of learned feedforward: {error}') from None
     if feedforward.ndim != 2 or feedforward.dtype != np.float64 or not np.isfinite(feedforward).all():
-        raise LearningError(f'{path}: feedforward of shape {feedforward.shape} is not finite float64 (N, n)')
+        raise LearningError(
+            f'{path}: feedforward {feedforward.shape} {feedforward.dtype} given; expected finite float64 (N, n)'
+        )
     return learned
 
 

@@ -1,4 +1,4 @@
-"""The machines: kinematics, limits, rigid dynamics and drive facts of the nominal design, all behind one interface."""
+"""The machines: kinematics, limits, rigid dynamics and drive data of the nominal design, with one interface."""
 
 from pkm_core.config import Configuration, parse_config, read_yaml
 from pkm_core.errors import ConfigError
@@ -14,14 +14,14 @@ _MECHANISMS = {'four_dof': FourDof, 'planar': Planar, 'xy_stage': XyStage}
 
 def load_machine(name_or_path, configuration=None) -> Machine:
     """
-    Return the machine of config/machines/NAME.yaml or of a path; it is called like its file.
+    Return the machine of config/machines/NAME.yaml or of a path; its name is that of the file.
 
-    Its models, gains, truth and motions are then read from the same `configuration`, by default the environment's.
+    Its models, gains, truth and motions are read from the same `configuration`, by default that of the environment.
 
     Raises
     ------
     ConfigError
-        If there is no such file or a value in it is refused; file, key, value and what is allowed are named.
+        If there is no such file or a value is refused; the message has file, key, value and allowed range.
 
     """
     configuration = configuration or Configuration.of_environment()

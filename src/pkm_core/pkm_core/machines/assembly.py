@@ -1,5 +1,5 @@
 """
-One built specimen of a machine: its true link lengths, reference marks and payload, and where its end point really is.
+One built specimen of a machine: true link lengths, reference marks, payload, and the true position of its end point.
 
 Lengths enter the kinematics only. In the dynamics 10 um on 70 mm would change masses by 1e-4, far below the gain error.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def _pivot(lower, higher, l_lower, l_higher):
-    """Return (along the guide, height over it) of the joint of two links that stand on sliders at `lower`, `higher`."""
+    """Return (along the guide, height over it) of the joint of two links on sliders at `lower` and `higher`."""
     from_lower = 0.5 * (higher - lower) + (l_lower**2 - l_higher**2) / (2.0 * (higher - lower))
     return lower + from_lower, np.sqrt(l_lower**2 - from_lower**2)
 
@@ -19,18 +19,18 @@ def _pivot(lower, higher, l_lower, l_higher):
 @dataclass(frozen=True)
 class Assembly:
     """
-    What was drawn when the machine was built.
+    Properties of one built machine.
 
     Attributes
     ----------
     mechanism : str
         As in the machine's file.
     offsets : object
-        The nominal dx, dy, dz [m], attributes of the machine's geometry; None where it has none.
+        The nominal dx, dy, dz [m], attributes of the machine's geometry; None if the machine has none.
     lengths : dict
         True length of each link [m].
     encoder_offset : ndarray, shape (n,)
-        Reading minus joint position, but for noise and rounding [m].
+        Reading minus joint position, without noise and rounding [m].
     payload : float
         [kg].
 
@@ -46,8 +46,8 @@ class Assembly:
         """
         Return the pose (..., m) at true joint positions `q` (..., n) [m], belt rotations `belts` (..., 2 or 0) [rad].
 
-        Coordinates as Machine.forward, which it equals for nominal links and stiff belts. Source: (2.5)-(2.19) with the
-        circles of unequal links intersected; belts as in belts.py.
+        Equal to `Machine.forward` for nominal links and stiff belts. Source: (2.5)-(2.19), with the intersection of
+        circles of unequal links; belts as in plant/belts.py.
         """
         if self.mechanism == 'xy_stage':
             return np.array(q)

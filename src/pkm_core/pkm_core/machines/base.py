@@ -1,4 +1,4 @@
-"""What every machine has: travel, drive and sensor facts, and its compiled rigid dynamics over leading axes."""
+"""Base of all machines: travel, drive and sensor data, and the compiled rigid dynamics over leading axes."""
 
 import math
 from abc import ABC, abstractmethod
@@ -18,15 +18,15 @@ NotNegativeLength = Annotated[Length, Field(ge=0)]
 PositiveMass = Annotated[Mass, Field(gt=0)]
 PositiveInertia = Annotated[Inertia, Field(gt=0)]
 
-ROUNDING = 1e-9  # m; the inverse of a pose on a limit may round to either side of it
+ROUNDING = 1e-9  # m; the inverse of a pose on a limit may round to either side of the limit
 
 
 class JointConfig(Config):
     """Travel of one slider."""
 
-    lower: Length
-    upper: Length
-    home: Length
+    lower: Annotated[Length, Field(description='lower end of the travel')]
+    upper: Annotated[Length, Field(description='upper end of the travel')]
+    home: Annotated[Length, Field(description='position at power-up')]
 
     @model_validator(mode='after')
     def _home_lies_in_travel(self):
@@ -38,28 +38,28 @@ class JointConfig(Config):
 
 
 class DriveConfig(Config):
-    """One linear motor with its amplifier; all axes of a machine carry the same."""
+    """One linear motor with its amplifier, the same for all axes of a machine."""
 
-    force_constant: Annotated[quantity('N/A'), Field(gt=0)]  # per ampere rms
-    amplifier_gain: Annotated[quantity('A/V'), Field(gt=0)]  # peak phase current per volt of command
-    peak_current: Annotated[quantity('A'), Field(gt=0)]
-    voltage_limit: Annotated[Voltage, Field(gt=0)]
+    force_constant: Annotated[quantity('N/A'), Field(gt=0, description='per ampere rms')]
+    amplifier_gain: Annotated[quantity('A/V'), Field(gt=0, description='peak phase current per volt of command')]
+    peak_current: Annotated[quantity('A'), Field(gt=0, description='peak of a phase')]
+    voltage_limit: Annotated[Voltage, Field(gt=0, description='of the command, both signs')]
     speed_limit: Annotated[Speed, Field(gt=0)]
 
 
 class MachineConfig(Config):
-    """What the file of any machine holds; each mechanism adds its joints, geometry and masses."""
+    """Keys common to all machine files; each mechanism adds its joints, geometry and masses."""
 
     mechanism: str
-    sample_time: Annotated[Time, Field(gt=0)]
-    encoder_resolution: PositiveLength
-    laser_sample_time: Annotated[Time, Field(gt=0)]  # of the end-point measurement
+    sample_time: Annotated[Time, Field(gt=0, description='of encoders and controllers: one tick')]
+    encoder_resolution: Annotated[PositiveLength, Field(description='one count')]
+    laser_sample_time: Annotated[Time, Field(gt=0, description='of the end-point measurement')]
     drive: DriveConfig
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What one machine may be asked for; `lower` and `upper` per joint, speed and thrust the same for all."""
+    """Limits of one machine: `lower` and `upper` per joint, speed and thrust the same for all joints."""
 
     lower: np.ndarray  # (n,) m
     upper: np.ndarray  # (n,) m
@@ -71,7 +71,7 @@ class Machine(ABC):
     """
     A mechanism of n linear motors: joint positions q (..., n) [m], pose x (..., m) in `coordinates` [m, rad].
 
-    Poses are taken in the base frame, whose axes X and Y run along the guides; leading axes are samples.
+    Poses are in the base frame, whose axes X and Y are parallel to the guides; leading axes are samples.
 
     Attributes
     ----------
@@ -82,11 +82,11 @@ class Machine(ABC):
     parameters : tuple of str
         Names of the entries of the vector p that `terms` takes.
     terms, rows : compiled functions
-        The kernel ``terms(q, qd, p, M, C, G)`` of pkm_core.machines.dynamics and the same over the rows of histories.
+        The kernel ``terms(q, qd, p, M, C, G)`` of pkm_core.machines.dynamics, and the same over the rows of histories.
     home : ndarray, shape (n,)
         Joint positions at power-up [m].
     configuration : Configuration
-        Where the models, gains, truth and motions of the machine are read from.
+        Source of the models, gains, truth and motions of the machine.
     sample_time, encoder_resolution, laser_sample_time, voltage_limit, thrust_per_volt : float
         [s], [m/count], [s], [V], [N/V].
 
@@ -121,7 +121,7 @@ class Machine(ABC):
 
     @property
     def drawing(self):
-        """This machine as it was drawn, without what is known of the one that was built."""
+        """This machine with its drawn lengths, without the section `built`."""
         if getattr(self.config, 'built', None) is None:
             return self
         return type(self)(self.config.model_copy(update={'built': None}), self.name, self.configuration)
@@ -132,11 +132,11 @@ class Machine(ABC):
 
     @abstractmethod
     def forward(self, q):
-        """Return the pose (..., m) of the joint positions `q` (..., n), array or Jet; `WorkspaceError` out of reach."""
+        """Return the pose (..., m) at joint positions `q` (..., n), array or Jet; `WorkspaceError` out of reach."""
 
     @abstractmethod
     def inverse(self, x):
-        """Return the joint positions (..., n) of the pose `x` (..., m), array or Jet; `WorkspaceError` out of reach."""
+        """Return the joint positions (..., n) at the pose `x` (..., m), array or Jet; `WorkspaceError` out of reach."""
 
     @abstractmethod
     def jacobian(self, q):
@@ -144,7 +144,7 @@ class Machine(ABC):
 
     @abstractmethod
     def singularity_margin(self, q):
-        """Return how far (...,) [m] the nearest singularity is; what is measured is the mechanism's."""
+        """Return the distance (...,) [m] from the nearest singularity, as defined by the mechanism."""
 
     @abstractmethod
     def passive_angles(self, q):
@@ -173,7 +173,7 @@ class Machine(ABC):
         return self._terms(q, qd)[1]
 
     def gravity(self, q):
-        """Return G (..., n) [N], the slider forces that hold the mechanism still at `q` (..., n)."""
+        """Return G (..., n) [N], the slider forces that hold the mechanism at rest at `q` (..., n)."""
         return self._terms(q, np.zeros(len(self.joints)))[2]
 
     def inverse_dynamics(self, q, qd, qdd):
@@ -183,7 +183,7 @@ class Machine(ABC):
 
     def _terms(self, q, qd):
         q = self._joints(q)
-        self.forward(q)  # names the joints that are out of reach, where the kernels would give NaN
+        self.forward(q)  # raises with the joints that are out of reach; the kernels would return NaN
         q, qd = np.broadcast_arrays(q, self._joints(qd))
         n = q.shape[-1]
         M, C, G = np.empty((q.size // n, n, n)), np.empty((q.size // n, n)), np.empty((q.size // n, n))

@@ -1,8 +1,8 @@
 """
-What is known of one built machine: section `built` of a machine file, as `pkm calibrate` writes it.
+Measured lengths of one built machine: section `built` of a machine file, as written by `pkm calibrate`.
 
-It enters the kinematics only; in the dynamics, 10 um on 70 mm would change masses by 1e-4. Design tools take the
-drawing, `Machine.drawing`.
+It enters the kinematics only; in the dynamics, 10 um on 70 mm would change masses by 1e-4. Design tools use the drawn
+lengths, `Machine.drawing`.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pkm_core.config import Config, Length
 from pkm_core.machines.base import PositiveLength
 
-_FARTHEST = 1e-3  # m; chosen: who is further off has built another machine
+_FARTHEST = 1e-3  # m; chosen: a larger deviation is an error in the file, not of the machine
 
 
 class _Built(Config):
@@ -19,13 +19,13 @@ class _Built(Config):
 
     @classmethod
     def as_drawn(cls, geometry):
-        """Return what the drawing `geometry` says."""
+        """Return the drawn lengths of `geometry`, with all marks zero."""
         drawn = {name: drawn_length(geometry, name) for name in cls.model_fields if name != 'marks'}
         marks: Any = cls.model_fields['marks'].annotation
         return cls(**drawn, marks=marks(**dict.fromkeys(marks.model_fields, 0.0)))
 
     def check(self, geometry):
-        """Raise ValueError if a value is further from the drawing `geometry` than building can be off."""
+        """Raise ValueError if a value differs from the drawing `geometry` by more than `_FARTHEST`."""
         drawn = self.as_drawn(geometry)
         for section, mine, other in (('built.', self, drawn), ('built.marks.', self.marks, drawn.marks)):
             for name, value in other:
@@ -37,7 +37,7 @@ class _Built(Config):
 
 
 class PlanarMarks(Config):
-    """By how much the reading of an encoder is more than the position of its slider."""
+    """Reading of each encoder minus the position of its slider."""
 
     d1: Length
     d3: Length
@@ -53,7 +53,7 @@ class PlanarBuilt(_Built):
 
 
 class FourDofMarks(PlanarMarks):
-    """By how much the reading of an encoder is more than the position of its slider."""
+    """Reading of each encoder minus the position of its slider."""
 
     d5: Length
     d7: Length
@@ -76,5 +76,5 @@ class FourDofBuilt(_Built):
 
 def drawn_length(geometry, name):
     """Return the drawn value [m] of a link (`l4`, `k12`) or an offset (`dx`) of `geometry`."""
-    links = {'l': 'l2', 'k': 'k10'}  # all of a kind are drawn alike
+    links = {'l': 'l2', 'k': 'k10'}  # links of one kind have one drawn length
     return getattr(geometry, links.get(name[0], name))

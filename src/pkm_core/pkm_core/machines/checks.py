@@ -1,14 +1,14 @@
-"""Refusals with a name: which row, which quantity, what came and what is allowed, in mm and deg."""
+"""Range checks whose errors name row, quantity, value and allowed range, in mm and deg."""
 
 import numpy as np
 
 from pkm_core.errors import WorkspaceError
 
-ANGLES = ('phi',)  # every other quantity of a machine is a length
+ANGLES = ('phi',)  # all other coordinates of a machine are lengths
 
 
 def check_last_axis(x, names, what):
-    """Refuse `x` (array or Jet) unless its last axis has one entry for each of `names`."""
+    """Refuse `x` (array or Jet) unless its last axis has one entry per name."""
     if x.shape[-1:] != (len(names),):
         raise WorkspaceError(f'{what} has shape {x.shape}; expected (..., {len(names)}) for {", ".join(names)}')
 

@@ -1,10 +1,10 @@
 """
-Rigid-body dynamics M(q) qdd + C(q, qd) + G(q) = F of the machines, compiled; SI, F > 0 pushes a slider in its +d sense.
+Rigid-body dynamics M(q) qdd + C(q, qd) + G(q) = F of the machines, compiled; SI, F > 0 acts on a slider towards +d.
 
-One kernel a mechanism, all with the signature ``terms(q, qd, p, M, C, G)``: it overwrites the preallocated M (n, n)
-[kg] and C, G (n,) [N]. The parameter vector p (float64) holds the numbers named in NAME_PARAMETERS, in that order.
-Links are rigid, belts ideal, joints free of friction: those live in the plant. Gravity points along -z.
-Source: thesis ch. 5 and 7, written as a sum over bodies of J' m J and J' m (Jdot qd), which are the same equations
+One kernel per mechanism, all with the signature ``terms(q, qd, p, M, C, G)``: it overwrites the preallocated M (n, n)
+[kg] and C, G (n,) [N]. The parameter vector p (float64) has the entries named in NAME_PARAMETERS, in that order.
+Links are rigid, belts ideal, joints frictionless; elasticity and friction are in the plant. Gravity acts along -z.
+Source: thesis ch. 5 and 7, written as a sum over bodies of J' m J and J' m (Jdot qd). These are the same equations
 without the printing errors of M_p, M_v and G_v.
 """
 
@@ -15,7 +15,7 @@ from numba import njit
 GRAVITY = 9.81  # m/s^2, as in the thesis's ch. 5
 
 PLANAR_PARAMETERS = ('l2', 'm1', 'm2', 'm3', 'm4', 'mp', 'r2', 'r4', 'I2', 'I4')
-XY_STAGE_PARAMETERS = ('mx', 'my')  # everything that moves along X (the Y axis included), along Y [kg]
+XY_STAGE_PARAMETERS = ('mx', 'my')  # mass moved along X (the Y axis included), mass moved along Y [kg]
 FOUR_DOF_PARAMETERS = (
     *('l2', 'k10', 'dx', 'dy'),  # links 2, 4, 6, 8; links 10, 12; offsets of Q and P (2.6), (2.7) [m]
     *('m1', 'm2', 'm3', 'm4', 'm5', 'm6', 'm7', 'm8', 'mp', 'mq', 'm9', 'm10', 'm11', 'm12', 'mef'),  # [kg]
@@ -32,7 +32,7 @@ def _t_mechanism(l2, h, hd, sliders, links, arms, inertias):
 
     `h` is half the gap between the lower and the higher slider, `hd` its rate; pairs are (lower, higher).
     M are the pair's mass terms, -f and +f its bias forces, Y the height of the joint over the guide,
-    c = dY/d(lower) = -dY/d(higher), yb the part of Y's acceleration that comes from velocities.
+    c = dY/d(lower) = -dY/d(higher), yb the velocity-dependent part of the acceleration of Y.
     """
     A = links[0] * arms[0] ** 2 + inertias[0] + links[1] * arms[1] ** 2 + inertias[1]
     YY = l2 * l2 - h * h
@@ -121,7 +121,7 @@ def four_dof_terms(q, qd, p, M, C, G):
         t * (-c2 * wy + 0.5 * wx),
     )
 
-    # masses felt at P, at Q and between them; mz in z; inertias in elevation and about the vertical
+    # effective masses at P, at Q and between them; mz in z; inertias in elevation and about the vertical
     ra, rb = r10 / k10, r12 / k10
     mPP = mp + m9 + m10 * (1.0 - 0.5 * ra) ** 2 + m12 * (0.5 * rb) ** 2 + 0.25 * mef
     mQQ = mq + m11 + m10 * (0.5 * ra) ** 2 + m12 * (1.0 - 0.5 * rb) ** 2 + 0.25 * mef
@@ -158,8 +158,8 @@ def four_dof_terms(q, qd, p, M, C, G):
             M[j, i] = M[i, j]
 
 
-# The kernels over histories q, qd (T, n) into M (T, n, n), C, G (T, n). Three loops instead of one, because numba 0.68
-# never finds a loop that takes its kernel as an argument in its cache, and a guvectorize from the cache crashes.
+# The kernels over histories q, qd (T, n) into M (T, n, n), C, G (T, n). Three loops instead of one: numba 0.68 cannot
+# cache a loop that takes its kernel as an argument, and a cached guvectorize crashes.
 
 
 @njit(cache=True, error_model='numpy')

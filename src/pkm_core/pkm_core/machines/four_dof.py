@@ -1,8 +1,8 @@
 """
 4-DOF parallel manipulator: two planar T-mechanisms on crossed guides carry a vertical one with the end-effector.
 
-Sliders d1, d3 run along X and carry P = (x1, y1); d5, d7 run along Y and carry Q = (x2, y2). Links 10 and 12 rise from
-P and Q and meet at the end-effector (x, y, z), which a belt keeps level and which turns about Z with PQ by phi.
+Sliders d1, d3 run along X and carry P = (x1, y1); d5, d7 run along Y and carry Q = (x2, y2). Links 10 and 12 connect
+P and Q to the end-effector (x, y, z). A belt keeps it level; it turns about Z with PQ by phi.
 Source: thesis ch. 2, 3, 5 and Table 6.1. phi is that of (2.19), right-handed about +Z, -45 deg at mid travel; the
 printed signs of (2.25), (2.26) belong to -phi.
 """
@@ -23,7 +23,7 @@ _GAPS = ('d3 - d1', 'd5 - d7')
 
 
 class _Linkage(NamedTuple):
-    """Inner lengths [m] at a joint position, arrays or Jets (...,)."""
+    """Internal lengths [m] at a joint position, arrays or Jets (...,)."""
 
     gaps: Any  # (..., 2): d3 - d1, d5 - d7
     along: Any  # (..., 2): P from d1, Q from d7, along their guides
@@ -32,12 +32,12 @@ class _Linkage(NamedTuple):
     wx: Any  # PQ
     wy: Any
     PQ: Any  # its length
-    share: Any  # of PQ from P to below the end-effector
+    share: Any  # of PQ, from P to the foot of the end-effector
     Z: Any  # height of the end-effector's joint over P and Q
 
 
 class FourDof(Machine):
-    """See the module; q = [d1, d3, d5, d7], encoder readings of the built machine, x = [x, y, z, phi]."""
+    """The machine of this module; q = [d1, d3, d5, d7], encoder readings of the built machine, x = [x, y, z, phi]."""
 
     Config = FourDofConfig
     Built = FourDofBuilt
@@ -51,10 +51,8 @@ class FourDof(Machine):
         super().__init__(config, name, configuration)
         built = config.built or FourDofBuilt.as_drawn(config.geometry)
         self._built = built
-        self._lower, self._higher = (
-            np.array([built.l2, built.l8]),
-            np.array([built.l4, built.l6]),
-        )  # links on d1, d7 ...
+        self._lower = np.array([built.l2, built.l8])  # links on d1, d7
+        self._higher = np.array([built.l4, built.l6])  # links on d3, d5
         self._marks = np.array([getattr(built.marks, joint) for joint in self.joints])
 
     def forward(self, q):
@@ -67,12 +65,12 @@ class FourDof(Machine):
         """Return (d1, d3, d5, d7) of (2.11)-(2.14), (2.20)-(2.26) at the pose `x`; see `Machine.inverse`."""
         x, built = self._pose(x), self._built
         dx, dy, dz = built.dx, built.dy, built.dz
-        # z below dz and phi beyond a quarter turn are other assemblies, which no motion of the sliders leads to
+        # z below dz and phi outside the range are other assembly modes, which no motion of the sliders reaches
         highest = dz + min(built.k10, built.k12)
         check_between(value(x)[..., 2:3], dz, highest, ('z',), 'length of links 10 and 12')
         check_between(value(x)[..., 3:], -0.5 * np.pi, 0.0, ('phi',), 'branch (2.15)')
         Z, phi = x[..., 2] - dz, x[..., 3]
-        # horizontal parts of links 10 and 12; drawn alike, each is half of PQ
+        # horizontal parts of links 10 and 12; with equal links each is half of PQ
         R10, R12 = np.sqrt(built.k10 * built.k10 - Z * Z), np.sqrt(built.k12 * built.k12 - Z * Z)
         cos, sin = np.cos(phi), np.sin(phi)
         x1, y1 = x[..., 0] + R10 * cos, x[..., 1] + R10 * sin
@@ -96,19 +94,19 @@ class FourDof(Machine):
         J_H = np.zeros_like(J_q)
         along = at.share * at.PQ
         _, sinks = joint_rates(at.PQ, along, at.Z)
-        sinks, bends = sinks / at.PQ, (1.0 - 2.0 * at.share) / at.PQ**2  # bends: only where links 10 and 12 differ
+        sinks, bends = sinks / at.PQ, (1.0 - 2.0 * at.share) / at.PQ**2  # bends: 0 if links 10 and 12 are equal
         J_H[..., 0, 2], J_H[..., 0, 3] = at.share + bends * at.wx**2, bends * at.wx * at.wy
         J_H[..., 1, 2], J_H[..., 1, 3] = bends * at.wx * at.wy, at.share + bends * at.wy**2
         J_H[..., 2, 2], J_H[..., 2, 3] = sinks * at.wx, sinks * at.wy
         J_H[..., 3, 2], J_H[..., 3, 3] = -at.wy / at.PQ**2, at.wx / at.PQ**2
-        J_H[..., :2] = -J_H[..., 2:]  # moving P and Q alike ...
-        J_H[..., 0, 0] += 1.0  # ... moves the end-effector along
+        J_H[..., :2] = -J_H[..., 2:]
+        J_H[..., 0, 0] += 1.0  # the same motion of P and Q moves the end-effector as well
         J_H[..., 1, 1] += 1.0
         return J_H @ J_q
 
     def singularity_margin(self, q):
         """
-        Return by how much (...,) [m] the nearest pivot distance may change before the mechanism is singular.
+        Return the change (...,) [m] of a pivot distance after which the mechanism is singular, the least of all three.
 
         Each of the three T-mechanisms is singular when its two pivots coincide or its links lie flat: d3 - d1 and
         d5 - d7 at 0 (3.27) or 2 l2 (3.29), PQ at 2 k10 ((3.28), in any direction) or at 0, where phi is free.

@@ -1,4 +1,4 @@
-"""What config/machines/four_dof.yaml may say; link numbers as in the thesis (Table 6.1)."""
+"""Models of config/machines/four_dof.yaml; link numbers as in the thesis (Table 6.1)."""
 
 import math
 from typing import Literal
@@ -77,8 +77,8 @@ class FourDofInertias(Config):
     """
     Links about their centre of mass; links 9, 11 and the end-effector about the vertical.
 
-    `rods_about_vertical` says what links 10, 12 resist when the end-effector turns: I10, I12 at any elevation
-    ('isotropic', the thesis) or, as thin rods do, times the squared cosine of their elevation ('slender').
+    `rods_about_vertical` is the inertia of links 10, 12 about the vertical: I10, I12 at any elevation ('isotropic', as
+    in the thesis) or that times the squared cosine of the elevation, as of thin rods ('slender').
     """
 
     I2: PositiveInertia
@@ -108,17 +108,18 @@ class FourDofConfig(MachineConfig):
         joints, l2, k10 = self.joints, self.geometry.l2, self.geometry.k10
         check_travel(joints, 'd1', 'd3', l2)
         check_travel(joints, 'd7', 'd5', l2)
-        # corners of the boxes that P and Q can reach
+        # corners of the rectangles that P and Q can reach
         y1 = _heights_reached(joints.d1, joints.d3, l2, self.geometry.dy)
         x2 = _heights_reached(joints.d7, joints.d5, l2, self.geometry.dx)
         x1 = [0.5 * (getattr(joints.d1, end) + getattr(joints.d3, end)) for end in ('lower', 'upper')]
         y2 = [0.5 * (getattr(joints.d5, end) + getattr(joints.d7, end)) for end in ('lower', 'upper')]
         for name, least in (('x1 - x2', x1[0] - x2[1]), ('y2 - y1', y2[0] - y1[1])):
             if not least > 0.0:
-                raise ValueError(f'the travel lets {name} fall to {least * 1e3:g} mm; allowed above 0 mm (2.15)')
+                raise ValueError(f'joints: least {name} in the travel is {least * 1e3:g} mm; allowed above 0 mm (2.15)')
         longest = math.hypot(x1[1] - x2[0], y2[1] - y1[0])
         if not longest < 2.0 * k10:
-            raise ValueError(f'the travel lets PQ grow to {longest * 1e3:g} mm; allowed below 2 k10 = {2e3 * k10:g} mm')
+            longest, bound = 1e3 * longest, 2e3 * k10
+            raise ValueError(f'joints: largest PQ in the travel is {longest:g} mm; allowed below 2 k10 = {bound:g} mm')
         return self
 
     @model_validator(mode='after')
@@ -129,6 +130,6 @@ class FourDofConfig(MachineConfig):
 
 
 def _heights_reached(low, high, link, offset):
-    """Return the least and the greatest height of the joint that two sliders carry, `offset` included [m]."""
+    """Return the least and the greatest height of the joint over two sliders, `offset` included [m]."""
     widest, narrowest = high.upper - low.lower, high.lower - low.upper
     return [math.sqrt(link * link - 0.25 * gap * gap) + offset for gap in (widest, narrowest)]

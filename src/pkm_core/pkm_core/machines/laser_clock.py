@@ -1,4 +1,4 @@
-"""When the laser measures: its own clock beside the ticks of the machine, both from tick 0, in whole nanoseconds."""
+"""Clock of the laser against the ticks of the machine, both from tick 0, in whole nanoseconds."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ def nanoseconds(time):
 
 def sample_numbers(machine, first_tick, end_tick):
     """
-    Return the numbers k of the laser's samples that fall due from `first_tick` on, before `end_tick`.
+    Return the numbers k of the laser samples that are due from `first_tick` on and before `end_tick`.
 
-    Sample k is due k sample times of the laser after tick 0.
+    Sample k is due k laser sample times after tick 0.
 
     Examples
     --------
     >>> from pkm_core.machines import load_machine
-    >>> sample_numbers(load_machine('four_dof'), 8, 16)  # ticks of 0.5 ms, samples of 0.8 ms: those of 4 to 8 ms
+    >>> sample_numbers(load_machine('four_dof'), 8, 16)  # ticks of 0.5 ms, samples of 0.8 ms: from 4 to 8 ms
     array([5, 6, 7, 8, 9])
 
     """

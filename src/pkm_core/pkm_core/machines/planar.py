@@ -1,7 +1,7 @@
 """
 Planar 2-DOF manipulator: sliders d1, d3 on one guide along X carry a T-mechanism; the pose is its point P = (x, y).
 
-The small platform at P is kept from turning by a belt, assumed ideal.
+A belt, assumed ideal, prevents rotation of the small platform at P.
 Source: thesis ch. 2, (2.4)-(2.12); ch. 7, (7.1)-(7.12); Table 6.1.
 """
 
@@ -88,7 +88,7 @@ class PlanarConfig(MachineConfig):
 
 
 class Planar(Machine):
-    """See the module; q = [d1, d3], encoder readings of the built machine, x = [x, y]."""
+    """The machine of this module; q = [d1, d3], encoder readings of the built machine, x = [x, y]."""
 
     Config = PlanarConfig
     Built = PlanarBuilt
@@ -124,7 +124,7 @@ class Planar(Machine):
         return np.stack([np.stack([1.0 - moves, moves], axis=-1), np.stack([-sinks, sinks], axis=-1)], axis=-2)
 
     def singularity_margin(self, q):
-        """Return by how much (...,) [m] the gap d3 - d1 may change before (3.27) or (3.29)."""
+        """Return the change (...,) [m] of the gap d3 - d1 that leads to (3.27) or (3.29), the lesser one."""
         _, gap, _, _ = self._linkage(q)
         return margins(gap, self._built.l2, self._built.l4)
 
@@ -140,7 +140,7 @@ class Planar(Machine):
         return np.array([numbers[name] for name in self.parameters])
 
     def _linkage(self, q):
-        """Return d1, the gap of the sliders and where their joint is: along from d1, and over the guide; (...,) [m]."""
+        """Return d1, the gap of the sliders, the joint's distance along the guide from d1 and over it; (...,) [m]."""
         q = self._joints(q) - self._marks
         gap = q[..., 1] - q[..., 0]
         along, Y1 = joint_place(gap[..., None], self._built.l2, self._built.l4, ('d3 - d1',))

@@ -1,8 +1,8 @@
 """
-Two sliders on one guide with a link each, the links meeting in a joint at a height over the guide (thesis ch. 2).
+T-mechanism: two sliders on one guide with one link each, whose ends share a joint over the guide (thesis ch. 2).
 
-It is singular where the two pivots coincide (3.27) and where the links lie flat (3.28), (3.29). The links that rise
-from P and Q are one too, with PQ for the gap. Links are drawn alike; those of a built machine may differ.
+It is singular where the two pivots coincide (3.27) and where the links lie flat (3.28), (3.29). The links on P and Q
+form a third T-mechanism with PQ as its gap. The drawn links are equal; those of a built machine may differ.
 """
 
 import numpy as np
@@ -13,7 +13,9 @@ from pkm_core.machines.checks import check_between
 
 def joint_place(gaps, lower, higher, names, reason='between the singularities (3.27) and (3.29)'):
     """
-    Return where the joint is, two (..., m) [m]: along the guide from the lower pivot, and over it; (2.5)-(2.7), (2.18).
+    Return the position of the joint, two (..., m) [m]: along the guide from the lower pivot, and over the guide.
+
+    Source: (2.5)-(2.7), (2.18).
 
     Parameters
     ----------
@@ -22,14 +24,14 @@ def joint_place(gaps, lower, higher, names, reason='between the singularities (3
     lower, higher : float or ndarray, shape (m,)
         Length of the link on the lower and on the higher slider [m].
     names : sequence of m str
-        What the gaps are called if one is refused.
+        Names of the gaps in an error.
     reason : str
-        The bound a refused gap violates.
+        Name of the violated bound in an error.
 
     Raises
     ------
     WorkspaceError
-        If a mechanism is singular or torn apart.
+        If a mechanism is singular or its links do not reach.
 
     """
     check_between(value(gaps), abs(lower - higher), lower + higher, names, reason)
@@ -38,7 +40,7 @@ def joint_place(gaps, lower, higher, names, reason='between the singularities (3
 
 
 def joint_rates(gaps, along, height):
-    """Return d along / d gap and d height / d gap (..., m) of arrays that `joint_place` took and gave."""
+    """Return d along / d gap and d height / d gap (..., m) for input and output of `joint_place`."""
     rate = 1.0 - along / gaps
     return rate, -along / height * rate
 
@@ -49,7 +51,7 @@ def margins(gaps, lower, higher):
 
 
 def check_travel(joints, low, high, link):
-    """Raise ValueError if the travel of the sliders `low` and `high` lets them meet (2.4) or tear the links (3.29)."""
+    """Raise ValueError if the sliders `low` and `high` could collide (2.4) or exceed the reach of the links (3.29)."""
     lower, higher = getattr(joints, low), getattr(joints, high)
     if not lower.upper < higher.lower:
         raise ValueError(
@@ -64,7 +66,7 @@ def check_travel(joints, low, high, link):
 
 
 def check_centres(geometry, centres, link):
-    """Raise ValueError if a centre of mass named in `centres` lies beyond the end of its link, named `link`."""
+    """Raise ValueError if a centre of mass named in `centres` is beyond the end of its link `link`."""
     length = getattr(geometry, link)
     for name in centres:
         if getattr(geometry, name) > length:

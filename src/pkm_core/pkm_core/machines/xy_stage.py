@@ -1,5 +1,5 @@
 """
-Conventional stacked XY stage, the thesis's point of comparison: the pose is q = [x, y]; the X axis carries the Y axis.
+Conventional stacked XY stage, the reference of the thesis: the pose is q = [x, y]; the X axis carries the Y axis.
 
 Source: Tables 7.4, 7.5.
 """
@@ -22,7 +22,7 @@ class XyStageJoints(Config):
 
 
 class XyStageMasses(Config):
-    """All that moves with an axis: `mx` holds the whole Y axis."""
+    """Mass moved by each axis: `mx` includes the whole Y axis."""
 
     mx: PositiveMass
     my: PositiveMass
@@ -43,7 +43,7 @@ class XyStageConfig(MachineConfig):
 
 
 class XyStage(Machine):
-    """See the module; forward and inverse are the identity, so nothing is ever out of reach or singular."""
+    """The machine of this module; forward and inverse are the identity: no pose is out of reach or singular."""
 
     Config = XyStageConfig
     joints = coordinates = ('x', 'y')
@@ -68,7 +68,7 @@ class XyStage(Machine):
         return np.full(self._joints(q).shape[:-1], np.inf)
 
     def passive_angles(self, q):
-        """Return {}: every joint has a motor."""
+        """Return {}: there are no passive joints."""
         return {}
 
     def dynamic_parameters(self):

@@ -1,4 +1,4 @@
-"""What a cycle achieved, from one axis's error r - y alone, after the thesis's tables 7.2 and 8.2."""
+"""Metrics of a cycle from the error r - y of one axis, as in the thesis's tables 7.2 and 8.2."""
 
 from dataclasses import dataclass
 
@@ -9,27 +9,27 @@ STEADY_STATE_TIME = 10e-3  # [s] end of a rest over which the steady-state error
 
 @dataclass(frozen=True)
 class AxisMetrics:
-    """One axis over one cycle, the worst of all moves in it."""
+    """Metrics of one axis over one cycle, each the worst of all moves."""
 
     max_dynamic_error: float  # [m] max |error| from a move's start to the end of its profile, both samples included
-    settling_time_5um: float  # [s] from the profile's end until |error| <= 5 um for the rest of the rest; nan if never
+    settling_time_5um: float  # [s] from the profile's end until |error| stays <= 5 um in the rest; nan if it does not
     settling_time_1um: float  # [s] the same for 1 um
-    steady_state_error: float  # [m] mean error of the last 10 ms of the rest after a move, with sign
+    steady_state_error: float  # [m] signed mean error of the last 10 ms of the rest after a move
 
 
 def axis_metrics(error, move_starts, move_ends, sample_time):
     """
     Return the `AxisMetrics` of one cycle.
 
-    The rest after a move ends with the sample before the next move's start, the last one with the cycle. A rest shorter
-    than 10 ms is averaged as a whole.
+    The rest after a move ends with the sample before the next move's start, the last one with the cycle. The mean of a
+    rest shorter than 10 ms is that of the whole rest.
 
     Parameters
     ----------
     error : array_like, shape (N,)
         r - y [m].
     move_starts, move_ends : array_like of int, shape (moves,)
-        First sample of a move and the sample at which its profile has ended.
+        First sample of each move, and the sample at which its profile ends.
     sample_time : float
         [s]
 
@@ -50,7 +50,7 @@ def axis_metrics(error, move_starts, move_ends, sample_time):
 
 
 def _settling_time(rests, tolerance, sample_time):
-    """Return the longest time [s] any rest needs to stay within `tolerance` [m]; nan if one ends outside."""
+    """Return the longest time [s] in any rest until the error stays within `tolerance` [m]; nan if one ends outside."""
     longest = 0
     for rest in rests:
         outside = np.flatnonzero(np.abs(rest) > tolerance)

@@ -1,4 +1,4 @@
-"""Cartesian paths of one move: where the end point is when a share s of the path lies behind it."""
+"""Cartesian paths of one move: pose of the end point at the share s of the path."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from pkm_core.jet import stack
 
 
 class Line:
-    """Straight in all coordinates, angles included."""
+    """Straight line in all coordinates, angles included."""
 
     def __init__(self, start, end, lengths):
         self._start, self._change = start, end - start
@@ -20,27 +20,27 @@ class Line:
 
 class Arc:
     """
-    Circle through three points; coordinates that are no lengths (phi) change in proportion to the path.
+    Circle through three points; coordinates that are not lengths (phi) change in proportion to the path.
 
     Parameters
     ----------
     start, end : ndarray, shape (m,)
         Poses [m, rad].
     via : ndarray, shape (k,)
-        A point between them, its lengths only [m].
+        A point between them, lengths only [m].
     lengths : list of int
-        Which coordinates are lengths, k of them.
+        Indices of the k coordinates that are lengths.
 
     """
 
     def __init__(self, start, via, end, lengths):
-        points = np.zeros((3, 3))  # a plane machine has no z
+        points = np.zeros((3, 3))  # a planar machine has no z
         points[:, : len(lengths)] = start[lengths], via, end[lengths]
         a, b = points[1] - points[0], points[2] - points[0]
         n = np.cross(a, b)
         square = n @ n
         if square <= 1e-12 * (a @ a) * (b @ b):
-            raise TrajectoryError('the start, via and the end of the arc lie on one line')
+            raise TrajectoryError('start, via and end of the arc lie on one line; expected three points of a circle')
         self._centre = points[0] + (np.cross(n, a) * (b @ b) + np.cross(b, n) * (a @ a)) / (2 * square)
         self._cosine = points[0] - self._centre
         self._sine = np.cross(n, self._cosine) / np.sqrt(square)

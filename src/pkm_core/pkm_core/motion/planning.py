@@ -1,10 +1,10 @@
 """
-Motions: what is to be driven, config/motions/<name>.yaml or a list of poses, and its plan as a pose trajectory.
+Motions (config/motions/<name>.yaml or a list of poses) and their plan as a pose trajectory.
 
-A motion leaves home, visits its targets in order and returns home, so that it can be repeated and learned. All joints
-of a move start and stop together: on the straight line between joint positions ('by', 'pose'), or so that the end point
-runs along a straight line or an arc. Every move has a rest before it (the learning signal may begin before the move,
-and the boundary of the cycle lies inside a rest) and one after it.
+A motion leaves home, visits its targets in order and returns home: it can be repeated and learned. All joints of a move
+start and stop together. A move is a straight line in joint space ('by', 'pose'), or a line or an arc of the end point.
+Every move has a rest before it and one after it. The rest before it is needed because the learning signal may begin
+before the move and the cycle boundary must lie inside a rest.
 """
 
 from typing import Annotated, Literal
@@ -21,11 +21,11 @@ from pkm_core.motion.paths import Arc, Line
 from pkm_core.motion.profiles import PROFILES, MotionLimits, fixed_profile, limited_profile
 from pkm_core.motion.trajectory import DERIVATIVES, SampledTrajectory, checked_joints, with_derivatives
 
-LONGEST_CYCLE = 20.0  # [s] of moves and rests; a trajectory of that length is a message of 5 MB
+LONGEST_CYCLE = 20.0  # [s] of moves and rests; the trajectory message then has 5 MB
 
 
 class Pose(Config):
-    """Pose of the end-effector; a machine takes the coordinates it has, no more and no less."""
+    """Pose of the end-effector: exactly the coordinates of the machine."""
 
     x: Length
     y: Length
@@ -34,63 +34,72 @@ class Pose(Config):
 
 
 class ArcTarget(Config):
-    """An arc: where it ends, and a point it passes, of which phi is left out."""
+    """An arc of the end point."""
 
-    to: Pose
-    via: Pose
+    to: Annotated[Pose, Field(description='pose at the end of the arc')]
+    via: Annotated[Pose, Field(description='point on the arc, without phi')]
 
 
 class Target(Config):
-    """Where a move ends, and how it gets there."""
+    """One move: exactly one of `by`, `pose`, `line`, `arc`."""
 
-    by: dict[str, Length] | None = None  # from where the machine stands; a joint not named stays
-    pose: Pose | None = None  # straight for the joints
-    line: Pose | None = None  # straight for the end point
-    arc: ArcTarget | None = None
+    by: (
+        Annotated[
+            dict[str, Length],
+            Field(description='displacement from the previous position; a joint not named does not move'),
+        ]
+        | None
+    ) = None
+    pose: Annotated[Pose, Field(description='pose at the end of a move that is straight in joint space')] | None = None
+    line: Annotated[Pose, Field(description='pose at the end of a line of the end point')] | None = None
+    arc: Annotated[ArcTarget, Field(description='an arc of the end point')] | None = None
 
     @model_validator(mode='after')
     def _is_one_thing(self):
         if sum(value is not None for _, value in self) != 1:
-            raise ValueError("a target is one of 'by' (joint displacements), 'pose', 'line', 'arc'")
+            raise ValueError("expected exactly one of 'by' (joint displacements), 'pose', 'line', 'arc'")
         return self
 
 
 class Motion(Config):
     """A motion of one machine: home, the targets in order, home."""
 
-    machine: str
+    machine: Annotated[str, Field(description='name of the machine')]
     targets: Annotated[tuple[Target, ...], Field(min_length=1)]
-    move_time: Annotated[Time, Field(gt=0)] = 70e-3  # of every move, Tp of the thesis; unused with limits
-    limits: MotionLimits | None = None  # instead of a time: every move as fast as these allow
-    lead_rest: Annotated[Time, Field(ge=0)] = 20e-3  # before a move
-    settle_window: Annotated[Time, Field(gt=0)] = 80e-3  # after a move
-    profile: Literal[*PROFILES] = 'p7'
+    move_time: Annotated[Time, Field(gt=0, description='of every move, Tp of the thesis; not used with limits')] = 70e-3
+    limits: (
+        Annotated[MotionLimits, Field(description='instead of a move time: each move as fast as the limits allow')]
+        | None
+    ) = None
+    lead_rest: Annotated[Time, Field(ge=0, description='before a move')] = 20e-3
+    settle_window: Annotated[Time, Field(gt=0, description='after a move')] = 80e-3
+    profile: Annotated[Literal[*PROFILES], Field(description='shape of a move over time')] = 'p7'
 
     @model_validator(mode='after')
     def _timing_is_clear(self):
         if self.limits is not None and 'move_time' in self.model_fields_set:
-            raise ValueError("expected either 'move_time' or 'limits'")
+            raise ValueError("both 'move_time' and 'limits' given; expected one of them")
         if self.limits is None:
             _check_duration(len(self.targets), self.move_time, self.lead_rest, self.settle_window)
         if self.profile == 'ruckig':
             limits = self.limits
             if limits is None or None in (limits.speed, limits.acceleration, limits.jerk) or limits.snap is not None:
-                raise ValueError("profile 'ruckig' takes limits of speed, acceleration and jerk, no more and no less")
+                raise ValueError("profile 'ruckig' takes exactly the limits speed, acceleration and jerk")
         return self
 
 
 def _check_duration(targets, move_time, lead_rest, settle_window):
-    moves = targets + 1  # and home again
+    moves = targets + 1  # the last one returns home
     duration = moves * (move_time + lead_rest + settle_window)
     if duration > LONGEST_CYCLE:
         raise TrajectoryError(
-            f'move time is {move_time:g} s; with their rests the {moves} moves of a cycle take {duration:g} s, '
-            f'allowed {LONGEST_CYCLE:g} s'
+            f'move time is {move_time:g} s; with their rests the {moves} moves of a cycle take {duration:g} s; '
+            f'allowed up to {LONGEST_CYCLE:g} s'
         )
 
 
 def load_motion(name_or_path, configuration=None):
-    """Return the `Motion` of config/motions/NAME.yaml or of a path, by default of the environment's configuration."""
+    """Return the `Motion` of config/motions/NAME.yaml or of a path; default configuration: of the environment."""
     return load_config(find_config('motions', name_or_path, configuration), Motion)
 
 
@@ -98,8 +107,8 @@ def poses_motion(machine, poses, move_time=None):
     """
     Return the `Motion` from home through `poses` and back home.
 
-    `poses` is (m, n), a row a pose in the order of `machine.coordinates` [m, rad]; `move_time` the duration of one
-    move [s], by default that of `Motion`.
+    `poses` (m, n) has one row per pose in the order of `machine.coordinates` [m, rad]; `move_time` is the duration of
+    one move [s], by default that of `Motion`.
     """
     poses, names = np.asarray(poses, dtype=np.float64), machine.coordinates
     if poses.ndim != 2 or poses.shape[0] == 0 or poses.shape[1] != len(names):
@@ -123,10 +132,10 @@ def plan(machine, motion):
     Raises
     ------
     TrajectoryError
-        If the motion is for another machine, names a joint or coordinate it lacks, a duration is no multiple of the
-        sample time, a path is none, or a joint exceeds the limit of speed or thrust.
+        If the motion is for another machine, has an unknown joint or coordinate, a duration that is not a multiple of
+        the sample time or an arc without a circle, or a joint exceeds the limit of speed or thrust.
     WorkspaceError
-        If a target or a point of a path cannot be reached.
+        If a target or a point of a path is out of reach.
 
     """
     if motion.machine != machine.name:
@@ -203,7 +212,7 @@ def _timing(machine, motion, where, distance):
     if motion.limits is None:
         return motion.move_time, fixed_profile(motion.profile, _samples(machine, motion, 'move_time'))
     if not distance > ROUNDING:
-        raise TrajectoryError(f'{where}: nothing moves by a length, so limits give no duration; give move_time')
+        raise TrajectoryError(f'{where}: no length changes; limits give no duration; give move_time instead')
     samples, profile = limited_profile(motion.profile, motion.limits, distance, machine.sample_time, LONGEST_CYCLE)
     return samples * machine.sample_time, profile
 
@@ -236,7 +245,7 @@ def _path(machine, where, target, position):
 
 
 def _pose(machine, where, pose):
-    """Return the pose (m,) [m, rad] of a target; the machine can reach it."""
+    """Return the pose (m,) [m, rad] of a target, checked to be within reach."""
     given = pose.model_dump(exclude_none=True)
     _check_names(where, given, machine.coordinates, exactly=True)
     pose = np.array([given[name] for name in machine.coordinates])
@@ -260,7 +269,7 @@ def _check_names(where, given, known, *, exactly):
 
 
 def default_motion(machine):
-    """Return the name of the motion the machine is measured with: the first of config/motions that is for it."""
+    """Return the name of the first motion of config/motions that is for `machine`."""
     for name in machine.configuration.names('motions'):
         if read_yaml(machine.configuration.find('motions', name)).get('machine') == machine.name:
             return name

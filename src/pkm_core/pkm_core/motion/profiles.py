@@ -1,10 +1,10 @@
 """
-Rest-to-rest profiles: how a move spends its time.
+Rest-to-rest profiles of a move over time.
 
-'p7' is the polynomial of 7th degree whose derivatives up to the jerk are zero at both ends. 's3' and 's4' switch
-between plus and minus one jerk (at 1/4 and 3/4) and one snap (at 1/2 and sin^2 and cos^2 of 22.5 deg): the fastest that
-limit alone allows. 'ruckig' is the fastest within limits of speed, acceleration and jerk together, computed by the
-library of that name.
+- 'p7': the polynomial of 7th degree whose derivatives up to the jerk are zero at both ends.
+- 's3', 's4': switch between plus and minus one jerk (at 1/4 and 3/4) or one snap (at 1/2 and at sin^2 and cos^2 of
+  22.5 deg). They are time-optimal for that limit alone.
+- 'ruckig': time-optimal for limits of speed, acceleration and jerk together, computed by the library of that name.
 """
 
 from typing import Annotated
@@ -17,7 +17,7 @@ from pkm_core.errors import TrajectoryError
 
 
 class MotionLimits(Config):
-    """What a move keeps of, where given: the joint that moves furthest, or the path of a line or an arc."""
+    """Limits of a move: of the joint that moves furthest, or along the path of a line or an arc."""
 
     speed: Annotated[quantity('m/s'), Field(gt=0)] | None = None
     acceleration: Annotated[quantity('m/s^2'), Field(gt=0)] | None = None
@@ -41,7 +41,7 @@ def _p7(s):
 
 
 def _s3(s):
-    mirrored = np.minimum(s, 1 - s)  # the second half repeats the first backwards
+    mirrored = np.minimum(s, 1 - s)  # the second half is the first one reversed
     ramp = np.maximum(mirrored - 0.25, 0)
     position = 16 / 3 * mirrored**3 - 32 / 3 * ramp**3
     acceleration = 32 * mirrored - 64 * ramp
@@ -104,11 +104,11 @@ def limited_profile(name, limits, distance, sample_time, longest):
     duration = sample_time
     for order, (peak, (limited, limit)) in enumerate(zip(_PEAKS[name], limits, strict=True), start=1):
         if limit is not None and np.isinf(peak):
-            raise TrajectoryError(f'limits: {limited}: profile {name} has no bounded {limited}; take s4 or p7')
+            raise TrajectoryError(f'limits: {limited}: profile {name} has no bounded {limited}; allowed: s4, p7')
         if limit is not None:
             duration = max(duration, (peak * distance / limit) ** (1 / order))
     _check_duration(duration, distance, longest)
-    samples = int(np.ceil(duration / sample_time - 1e-9))  # a duration that is whole but for rounding stays
+    samples = int(np.ceil(duration / sample_time - 1e-9))  # rounding does not add a sample to a whole number
     return samples, fixed_profile(name, samples)
 
 

@@ -1,4 +1,4 @@
-"""References sampled at the servo rate, their way from poses to joints, and what a machine may be asked to follow."""
+"""References sampled at the servo rate, their conversion from poses to joints, and the checks against a machine."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,15 @@ DERIVATIVES = ('position', 'velocity', 'acceleration', 'jerk')
 @dataclass(frozen=True)
 class SampledTrajectory:
     """
-    One motion cycle, a row a sample, a column a coordinate; sample k belongs to the time k sample_time.
+    One motion cycle: one row per sample, one column per coordinate; sample k is at the time k sample_time.
 
-    A move begins at its start sample, still at rest, and has reached its target at its end sample; settling counts from
-    there. Construction refuses what does not fit together or is not finite with a `TrajectoryError`.
+    A move is at rest at its start sample and at its target at its end sample; settling is measured from the end sample.
+
+    Raises
+    ------
+    TrajectoryError
+        At construction, if shapes disagree, a value is not finite or the moves are not in order.
+
     """
 
     sample_time: float  # [s]
@@ -45,7 +50,7 @@ class SampledTrajectory:
         if not (in_order and starts[0] >= 0 and ends[-1] < shape[0] and (ends[:-1] <= starts[1:]).all()):
             raise TrajectoryError(
                 f'trajectory: moves from samples {starts.tolist()} to {ends.tolist()}; '
-                f'expected at least one, in order, within 0 to {shape[0] - 1}'
+                f'expected at least one move, in order, within 0 to {shape[0] - 1}'
             )
 
     def __len__(self):
@@ -58,14 +63,14 @@ class SampledTrajectory:
 
 def to_joints(machine, trajectory):
     """
-    Return the joint trajectory of a pose trajectory: `machine.inverse`, exact up to the jerk.
+    Return the joint trajectory of a pose trajectory by `machine.inverse`, exact up to the jerk.
 
     Raises
     ------
     TrajectoryError
-        If the trajectory is for other coordinates or another sample time, or a joint exceeds its speed or thrust.
+        If the trajectory has other coordinates or another sample time, or a joint exceeds its speed or thrust.
     WorkspaceError
-        If a pose cannot be reached or lies outside a joint's travel; the sample is named.
+        If a pose is out of reach or outside the travel of a joint; the sample is named.
 
     """
     if trajectory.coordinates != machine.coordinates:
@@ -76,7 +81,7 @@ def to_joints(machine, trajectory):
 
 
 def with_derivatives(trajectory, coordinates, jet):
-    """Return `trajectory` with other coordinates, whose motion is `jet` of shape (N, n)."""
+    """Return `trajectory` in other coordinates, whose motion is `jet` of shape (N, n)."""
     return SampledTrajectory(
         trajectory.sample_time, coordinates, *jet.derivatives(), trajectory.move_starts, trajectory.move_ends
     )
@@ -84,10 +89,11 @@ def with_derivatives(trajectory, coordinates, jet):
 
 def checked_joints(machine, trajectory):
     """
-    Return the joint `trajectory` if `machine` may run it; errors as `to_joints`.
+    Return the joint `trajectory` if it is within the limits of `machine`; errors as `to_joints`.
 
     Speed and thrust are checked at the samples, and between them from the differences of positions: a jump from one
-    sample to the next has no derivatives. The thrust is that of the nominal design; friction is left out.
+    sample to the next has no derivatives. The thrust is that of the nominal design, without friction and identified
+    extra mass.
     """
     if trajectory.sample_time != machine.sample_time:
         raise TrajectoryError(

@@ -1,5 +1,5 @@
 """
-The arrays the compiled tick runs on: all float64; a structured array has a field per quantity and a row per joint.
+Arrays of the compiled tick: all float64; a structured array has one field per quantity and one row per joint.
 
 n joints, m >= n coordinates of the rigid machine: the joints [m], then the belt rotations [rad] if there are any.
 """
@@ -8,25 +8,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MECHANISMS = ('planar', 'xy_stage', 'four_dof', 'four_dof_belts')  # those rigid_terms knows, by index
+MECHANISMS = ('planar', 'xy_stage', 'four_dof', 'four_dof_belts')  # by their index in tick.rigid_terms
 REFUSED = -1  # event: a voltage is not finite; other events are 0 or 1 + the row of the contact that touched first
 Q, QD, QDD = range(3)  # rows of the motion (3, m) of the rigid machine: joints [m], then belt rotations [rad]
 ENCODER, AMPLIFIER, FLOOR = range(3)  # of the noise (3, ticks, n): counts, V, m/s^2
 
 
 def _fields(**fields):
-    """Return the structure with these float64 fields; what is said of them is for the reader."""
+    """Return the structure with these float64 fields; the texts are documentation only."""
     return np.dtype([(name, np.float64) for name in fields])
 
 
-# What changes, a row a joint.
+# State, one row per joint.
 AXIS_STATE = _fields(
-    position='what the scale moves by: rigid position plus deflections [m]',
-    speed='its rate [m/s]',
-    bristle='of the friction [m]',
+    position='of the scale: rigid position plus deflections [m]',
+    speed='of the scale [m/s]',
+    bristle='deflection of the friction bristles [m]',
     command='computed, applied in the next tick [V]',
-    before='amplitude the current loop followed in the last tick [A]',
-    demand='and follows in this one [A]',
+    before='amplitude commanded to the current loop in the previous tick [A]',
+    demand='amplitude commanded to the current loop in this tick [A]',
     current='amplitude [A]',
     short_force='see drive.emf_step [N]',
     loop_force='see drive.emf_step [N]',
@@ -35,7 +35,7 @@ AXIS_STATE = _fields(
     friction='mean of the last substep, against the motion [N]',
 )
 
-# What stays, a row a joint; start_cycle draws newton_per_ampere and coulomb anew.
+# Constants, one row per joint; start_cycle draws newton_per_ampere and coulomb for each cycle.
 AXIS_PARAMETERS = _fields(
     newton_per_ampere='of amplitude',
     coulomb='[N]',
@@ -46,7 +46,7 @@ AXIS_PARAMETERS = _fields(
     upper='end of the travel [m]',
 )
 
-# What stays and is the same for all joints, one row.
+# Constants common to all joints, one row.
 COMMON_PARAMETERS = _fields(
     substep='[s]',
     voltage_limit='[V]',
@@ -62,7 +62,7 @@ COMMON_PARAMETERS = _fields(
     decay='over any other substep',
     winding='L / R of the winding [s]',
     decay_winding='exp(-substep / winding)',
-    emf_damping='force of shorted phases over speed, 0 where the back EMF is left out [N s/m]',
+    emf_damping='force of shorted phases over speed, 0 without back EMF [N s/m]',
     brake_damping='the same for the brake [N s/m]',
     ripple='of the thrust',
     cogging='[N]',
@@ -71,7 +71,7 @@ COMMON_PARAMETERS = _fields(
     stribeck_speed='[m/s]',
     bristle_stiffness='[N/m]',
     bristle_damping='[N s/m]',
-    elastic='share of the bend at breakaway',
+    elastic='share of the breakaway deflection',
     contact_stiffness='[N/m]',
     contact_damping='[s/m]',
     resolution='[m/count]',
@@ -83,7 +83,7 @@ COMMON_PARAMETERS = _fields(
 
 @dataclass(frozen=True)
 class PlantArrays:
-    """The array arguments of plant_tick.advance, in its order; what changes comes first."""
+    """The array arguments of tick.advance, in its order; the state comes first."""
 
     motion: np.ndarray  # (3, m) rows Q, QD, QDD
     axes: np.ndarray  # (n,) AXIS_STATE
@@ -93,7 +93,7 @@ class PlantArrays:
     rigid: np.ndarray  # parameters of the dynamics kernel
     parameters: np.ndarray  # (n,) AXIS_PARAMETERS
     common: np.ndarray  # (1,) COMMON_PARAMETERS
-    contacts: np.ndarray  # (c, 3) joint below, joint above (-1: the base), their distance at touch [m]
-    mode_table: np.ndarray  # (n, points over the travel, k, flexible.STEP_SIZE)
+    contacts: np.ndarray  # (c, 3) joint below, joint above (-1: the base), their distance at contact [m]
+    mode_table: np.ndarray  # (n, points over the travel, k, modes.STEP_SIZE)
     scratch: np.ndarray  # (m + 5, m) working space
-    steps: np.ndarray  # (n, k, flexible.STEP_SIZE) of the present position
+    steps: np.ndarray  # (n, k, modes.STEP_SIZE) at the present position

@@ -1,9 +1,9 @@
 """
-Belts that give in the 4-DOF manipulator (thesis section 5.5): its dynamics with the platforms' turns as joints too.
+Dynamics of the 4-DOF manipulator with elastic belts (thesis section 5.5): the platform rotations are coordinates too.
 
-The belts hold the platforms under P and Q parallel to the base; when they give, the platform arms turn,
+The belts hold the platforms under P and Q parallel to the base. When the belts stretch, the platform arms turn,
     P = (x1 - dy sin psi_p, Y1 + dy cos psi_p),   Q = (X2 + dx cos psi_q, y2 + dx sin psi_q),
-against kb psi + cb psi'. As in the rigid model a platform's mass sits at P (Q); its own inertia is unknown, left out.
+against kb psi + cb psi'. As in the rigid model the mass of a platform is at P (Q); its inertia is unknown and left out.
 """
 
 import math
@@ -16,9 +16,9 @@ from pkm_core.machines.dynamics import GRAVITY, _t_mechanism
 @njit(cache=True, error_model='numpy')
 def four_dof_belt_terms(q, qd, p, M, C, G):
     """
-    Fill M (6, 6), C, G (6,) for q = [d1, d3, d5, d7, psi_p, psi_q]; that of four_dof_terms with a wider Jacobian.
+    Fill M (6, 6), C, G (6,) for q = [d1, d3, d5, d7, psi_p, psi_q]: four_dof_terms with a wider Jacobian.
 
-    `p` is that of dynamics.four_dof_terms followed by kb [N m/rad] and cb [N m s/rad]; both belt torques stand in C.
+    `p` is that of dynamics.four_dof_terms followed by kb [N m/rad] and cb [N m s/rad]; C includes both belt torques.
     """
     l2, k10, dx, dy = p[0], p[1], p[2], p[3]
     m1, m2, m3, m4, m5, m6, m7, m8 = p[4], p[5], p[6], p[7], p[8], p[9], p[10], p[11]
@@ -36,7 +36,7 @@ def four_dof_belt_terms(q, qd, p, M, C, G):
     foot = (0, 0, 1, 1, 0, 1)
     jx = (0.5, 0.5, -c2, c2, -dy * cp, -dx * sq)
     jy = (c1, -c1, 0.5, 0.5, -dy * sp, dx * cq)
-    # parts of the accelerations of P and Q that come from velocities
+    # velocity-dependent parts of the accelerations of P and Q
     bPx, bPy = dy * sp * qd[4] ** 2, y1b - dy * cp * qd[4] ** 2
     bQx, bQy = x2b - dx * cq * qd[5] ** 2, -dx * sq * qd[5] ** 2
     wx = X2 + dx * cq - 0.5 * (q[0] + q[1]) + dy * sp
@@ -75,7 +75,7 @@ def four_dof_belt_terms(q, qd, p, M, C, G):
     bias_x = (mPP * bPx + mPQ * bQx, mPQ * bPx + mQQ * bQx)
     bias_y = (mPP * bPy + mPQ * bQy, mPQ * bPy + mQQ * bQy)
     for i in range(6):
-        sense = 1.0 - 2.0 * foot[i]  # of z and phi, which grow as P is moved towards Q and about it
+        sense = 1.0 - 2.0 * foot[i]  # of z and phi, which increase as P moves towards Q and about it
         jz = sense * s * (wx * jx[i] + wy * jy[i])
         jphi = sense * t * (wy * jx[i] - wx * jy[i])
         C[i] = jz * fz + jphi * fphi + jx[i] * bias_x[foot[i]] + jy[i] * bias_y[foot[i]]

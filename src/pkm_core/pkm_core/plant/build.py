@@ -1,4 +1,4 @@
-"""From configuration to the arrays the compiled tick runs on: parameters, rest state, working arrays."""
+"""Arrays of the compiled tick, built from the configuration: parameters, rest state, working arrays."""
 
 import math
 
@@ -10,20 +10,20 @@ from pkm_core.plant.drive import motor_thrust, shorted_damping
 from pkm_core.plant.modes import STEP_SIZE, mode_steps
 from pkm_core.plant.tick import rigid_terms
 
-_MODE_POINTS = 17  # over the travel, where modes depend on position
+_MODE_POINTS = 17  # table points over the travel, if modes depend on position
 
 
 def build(machine, truth, levels, assembly):
     """
-    Return the `PlantArrays` of `machine` as `truth`, the environment `levels` and `assembly` say.
+    Return the `PlantArrays` of `machine` for `truth`, the environment `levels` and the specimen `assembly`.
 
-    It stands at home by its encoders and at rest; friction and belts carry gravity and cogging as far as they can.
+    The encoders read home and the machine is at rest. Friction (up to breakaway) and belts carry gravity and cogging.
     """
     n = len(machine.joints)
     m = n + (2 if levels.belts else 0)
     mechanism = machine.config.mechanism + ('_belts' if levels.belts else '')
     if mechanism not in MECHANISMS:
-        raise ConfigError(f'truth of {machine.name}: belts is true; a {machine.config.mechanism} has none')
+        raise ConfigError(f'truth of {machine.name}: belts is true; a {machine.config.mechanism} has no belts')
     rigid = _rigid(machine, truth, levels, assembly.payload)
     common = _common(machine, truth, levels)
     parameters = _axis_parameters(machine, truth, levels, assembly, common[0])
@@ -110,13 +110,14 @@ def _axis_parameters(machine, truth, levels, assembly, common):
     listed = np.diagonal(machine.mass_matrix(machine.home))
     identified = [axis.gain is not None for axis in axes]
     total = np.where(identified, [machine.thrust_per_volt / (axis.gain or 1.0) for axis in axes], listed)
-    # the current loop's answer to the back EMF weighs damping * lag (drive.emf_step): part of what was identified
+    # the current loop's response to the back EMF acts as a mass damping * lag (drive.emf_step); the identified mass
+    # includes it
     extra = np.where(identified, total - listed - common['emf_damping'] * common['current_lag'], 0.0)
     for joint, axis, mass in zip(machine.joints, axes, extra, strict=True):
         if mass < 0.0:
             raise ConfigError(
-                f'truth of {machine.name}: axes.{joint}.gain: {axis.gain * 1e3:g} mm/s^2/V given, which is '
-                f'{-mass:.3f} kg less than its links and slider weigh'
+                f'truth of {machine.name}: axes.{joint}.gain: {axis.gain * 1e3:g} mm/s^2/V given; the mass it implies '
+                f'is {-mass:.3f} kg less than the mass of links and slider'
             )
     parameters = np.zeros(len(axes), AXIS_PARAMETERS)
     thrust_per_ampere = machine.thrust_per_volt / machine.config.drive.amplifier_gain
@@ -163,10 +164,10 @@ def _mode_table(machine, truth, levels):
 
 
 def _settle_belts(q, n, mechanism, rigid, scratch, belts):
-    """Bend the belt rotations q[n:] under gravity, return the gravity forces (n,) on the carriages."""
+    """Set the belt rotations q[n:] to equilibrium under gravity; return the gravity forces (n,) on the carriages."""
     m = q.size
     M, C, G = scratch[:m], scratch[m], scratch[m + 1]
-    for _ in range(3):  # Newton's steps; the belts are far stiffer than the weight
+    for _ in range(3):  # Newton steps; three suffice, as the belts are stiff compared with the weight
         rigid_terms(mechanism, q, np.zeros(m), rigid, M, C, G)
         if m > n:
             q[n:] -= (C[n:] + G[n:]) / belts.stiffness

@@ -1,4 +1,4 @@
-"""Contacts: stoppers at both ends of a guide and carriages that meet (2.4)."""
+"""Contacts: stoppers at both ends of a guide, and colliding carriages (2.4)."""
 
 from numba import njit
 
@@ -8,7 +8,7 @@ def contact_force(depth, rate, stiffness, damping):
     """
     Return the force [N] that pushes two bodies apart at a penetration `depth` [m] growing at `rate` [m/s].
 
-    Hunt and Crossley (1975): k d (1 + c d'), no jump at first touch and never a pull.
+    Hunt and Crossley (1975): k d (1 + c d'). The force is continuous at first contact and never attractive.
     """
     if depth <= 0.0:
         return 0.0

@@ -1,4 +1,4 @@
-"""Linear encoder of one joint: glass scale, interpolator and counter; 0.2 um a count (thesis section 6.2)."""
+"""Linear encoder of one joint: glass scale, interpolator and counter; 0.2 um per count (thesis section 6.2)."""
 
 import math
 
@@ -10,9 +10,9 @@ def encoder_count(position, resolution, signal_period, subdivision_error, noise)
     """
     Return the count (a whole float) read at `position` [m], which includes the offset of the reference mark.
 
-    The interpolator divides a sine and a cosine of `signal_period` [m]: unequal offsets give an error once a period,
-    unequal gains one twice a period of half the amplitude `subdivision_error` [m]. `noise` [counts] acts in front
-    of the counter, which rounds down.
+    The interpolator divides a sine and a cosine of `signal_period` [m]. Unequal offsets give an error of amplitude
+    `subdivision_error` [m] once per period, unequal gains one of half that amplitude twice per period. `noise` [counts]
+    is added before the counter, which rounds down.
     """
     angle = 2.0 * math.pi * position / signal_period
     error = subdivision_error * (math.sin(angle) + 0.5 * math.sin(2.0 * angle))

@@ -1,9 +1,10 @@
 """
 Friction of one guide: elasto-plastic bristles with Stribeck curve (Dupont, Hayward, Armstrong, Altpeter, 2002).
 
-LuGre's model, but bristles that bend by less than a share of their steady bend do so elastically: a carriage at rest
-sits on a spring and stays where it is, where LuGre and Dahl creep away under vibration and a constant load. Beyond, up
-to breakaway, it creeps by micrometres, as rolling guides do. Viscous friction is part of the rigid model.
+It is the LuGre model with one change: below a share of their steady deflection the bristles deform elastically. A
+carriage at rest then sits on a spring and keeps its position; LuGre and Dahl creep under vibration and a constant load.
+Between that share and breakaway the carriage creeps by micrometres, as rolling guides do. Viscous friction is part of
+the rigid model.
 """
 
 import math
@@ -20,9 +21,8 @@ def bristle_step(bristle, speed, duration, coulomb, breakaway, stribeck_speed, s
 
     z' = v (1 - alpha(z, v) z / z_s), stiffness |z_s| = coulomb (1 + (breakaway - 1) exp(-(v / stribeck_speed)^2)), z_s
     with the sign of v. alpha rises from 0 at z = elastic z_s to 1 at z_s (by a cubic, where the paper takes a sine),
-    and is 0 while the bristles swing back. Integrated with alpha of the middle of the step and bounded by z_s, so no
-    step size makes it chatter. The `damping` of the bristles fades with the Stribeck curve, which keeps the model
-    passive.
+    and is 0 while the bristles swing back. The step uses alpha at its middle and is bounded by z_s: there is no chatter
+    at any step size. The `damping` of the bristles decreases with the Stribeck curve, which keeps the model passive.
     """
     if coulomb <= 0.0:
         return 0.0, 0.0
@@ -36,7 +36,7 @@ def bristle_step(bristle, speed, duration, coulomb, breakaway, stribeck_speed, s
     middle = start + 0.5 * travelled * (1.0 - rate * start)
     rate = _plastic_share(middle / steady, elastic) / steady
     way = rate * travelled
-    if way < 1e-3:  # straight to 1e-7, where the exact form cancels
+    if way < 1e-3:  # linear, accurate to 1e-7; the exact form cancels here
         end = start + travelled * (1.0 - rate * start) * (1.0 - 0.5 * way)
         mean = 0.5 * (start + end)
     else:
@@ -52,6 +52,6 @@ def bristle_step(bristle, speed, duration, coulomb, breakaway, stribeck_speed, s
 
 @njit(cache=True, error_model='numpy')
 def _plastic_share(bend, elastic):
-    """Return alpha at `bend` = z / z_s; without branches, which a sliding guide would take at random."""
+    """Return alpha at `bend` = z / z_s; without branches, which the processor would mispredict on a sliding guide."""
     rise = min(max((bend - elastic) / (1.0 - elastic), 0.0), 1.0)
     return rise * rise * (3.0 - 2.0 * rise)

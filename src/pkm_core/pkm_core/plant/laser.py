@@ -1,8 +1,8 @@
 """
 Laser measurement of the end point, independent of the encoders: own clock, own resolution, own noise.
 
-The thesis's Tables 7.3 and 8.3 imply 0.8 ms and 0.91 um: settling times and errors come in these steps. It sees what
-the encoders cannot: link errors, offsets of the reference marks, the bend of the belts, the spring of the platform.
+The thesis's Tables 7.3 and 8.3 imply 0.8 ms and 0.91 um: settling times and errors are multiples of these steps. The
+laser measures what the encoders do not: link errors, offsets of the reference marks, deflection of belts and platform.
 """
 
 from typing import NamedTuple
@@ -16,11 +16,11 @@ from pkm_core.plant.noise import LaserNoise
 from pkm_core.plant.platform import Platform
 from pkm_core.plant.truth import load_truth
 
-_MOVED = np.array([0.0, 1e-5, -1e-5])  # s; the differences that give speeds: micrometres, 1e-11 m/s of rounding
+_MOVED = np.array([0.0, 1e-5, -1e-5])  # s; central differences for speeds: moves of micrometres, rounding 1e-11 m/s
 
 
 class LaserSamples(NamedTuple):
-    """Measurements one after the other."""
+    """Consecutive measurements, one row per sample."""
 
     time: np.ndarray  # (K,) simulated time, 0 at tick 0 [s]
     displacement: np.ndarray  # (K, m) of the pose from the datum, in the machine's coordinates [m, rad]
@@ -28,50 +28,51 @@ class LaserSamples(NamedTuple):
 
 class Laser:
     """
-    The measurement system set up at one machine.
+    The measurement system at one machine.
 
-    Call `zero` at the first tick, `observe` at every further one, and `read` now and then: it takes most of the time.
+    Call `zero` at the first tick and `observe` at every further tick. `read` is the expensive call; one call may read
+    many ticks.
 
     Parameters
     ----------
     machine : Machine
     seed : int
-        That of the plant.
+        Seed of the plant.
     environment : str
-        That of the plant.
+        Environment of the plant.
 
     """
 
     def __init__(self, machine, seed, environment='nominal'):
         truth, levels = load_truth(machine, environment)
         angular = [coordinate in ANGLES for coordinate in machine.coordinates]
-        scale = np.where(angular, 1.0 / truth.laser.rotation_arm, 1.0)  # a rotation is read as a displacement on an arm
+        scale = np.where(angular, 1.0 / truth.laser.rotation_arm, 1.0)  # a rotation is measured as a displacement
         self._machine = machine
         self._step = truth.laser.resolution * scale
         self._scale = levels.laser_noise * scale
         self._noise = LaserNoise(seed, len(scale))
         self._given = truth.platform if levels.modes else None
-        self._seen = []  # truths, one a tick
-        self._tick = 0  # of the first of them
+        self._seen = []  # truths, one per tick
+        self._tick = 0  # number of the first one
 
     def zero(self, tick, truth):
-        """Take the end point of `truth` (a PlantTruth, at rest) at `tick` as the datum and measure on from there."""
+        """Take the end point of `truth` (a PlantTruth, at rest) at `tick` as the datum and start measuring."""
         self._datum = truth.pose
         self._platform = self._given and Platform(self._given, len(self._datum), self._machine.sample_time)
         self._tick, self._seen = tick, [truth]
 
     def observe(self, tick, truth):
-        """Look at the machine at `tick`, the one after the last."""
+        """Store the true state of the machine at `tick`, which must follow the previous one."""
         expected = self._tick + len(self._seen)
         if not self._seen or tick != expected:
-            raise PkmError(f'laser: tick {tick} given; expected {expected}; at first and after a gap call zero')
+            raise PkmError(f'laser: tick {tick} given; expected {expected}; call zero at first and after a gap')
         self._seen.append(truth)
 
     def read(self):
         """
-        Return the `LaserSamples` from the last reading up to, but not at, the last tick observed.
+        Return the `LaserSamples` from the previous reading up to the last observed tick, that tick excluded.
 
-        Between ticks the end point is followed by a cubic through places and speeds.
+        Between ticks the end point is a cubic through positions and speeds.
         """
         duration = self._machine.sample_time
         last = len(self._seen) - 1
@@ -86,10 +87,10 @@ class Laser:
         return LaserSamples(due * 1e-9, self._step * np.round(displacement / self._step))
 
     def _end_points(self):
-        """Return where the end point was and how fast at each tick seen, two arrays (T, m)."""
+        """Return position and speed of the end point at each observed tick, two arrays (T, m)."""
         parts = ('q', 'qd', 'belts', 'belt_rates')
         q, qd, belts, rates = (np.array([getattr(truth, part) for truth in self._seen]) for part in parts)
-        moved = _MOVED[:, np.newaxis, np.newaxis]  # all three at once: one call costs little more for more rows
+        moved = _MOVED[:, np.newaxis, np.newaxis]  # one call for all three: its cost hardly depends on the rows
         pose, ahead, behind = self._seen[0].assembly.end_point(q + moved * qd, belts + moved * rates)
         rate = (ahead - behind) / (_MOVED[1] - _MOVED[2])
         if self._platform:

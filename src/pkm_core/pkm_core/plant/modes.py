@@ -1,17 +1,20 @@
 """
 Flexible modes of one joint: the identified high-frequency dynamics H_i of (7.20).
 
-H_i stands in series with the rigid machine: the scale moves by y = r + SUM eta_m, the rigid joint position r plus the
-deflections of the modes. Partial fractions of (7.20) make the modes independent of each other,
+H_i is in series with the rigid machine: the scale is at y = r + SUM eta_m, the rigid joint position r plus the
+deflections of the modes. Partial fractions of (7.20) decouple the modes,
 
     H_i = 1 + SUM_m (alpha_m s^2 + beta_m s) / (s^2 + 2 z_m w_m s + w_m^2),
     eta_m'' + 2 z_m w_m eta_m' + w_m^2 eta_m = alpha_m r'' + beta_m r',
 
 each excited by the motion of its joint. H_i(0) = 1: settled positions are those of the rigid machine.
 
-What this means: a mode pushes back on nothing. The force equilibrium stays that of the rigid machine, whose mass is the
-identified, total one; the energy of the modes is not in its balance; right-half-plane zeros (planar d3) are
-representable; modes of different joints do not couple.
+Consequences:
+
+- A mode exerts no force. The force balance is that of the rigid machine, whose mass is the identified total mass; the
+  energy balance does not include the modes.
+- Right-half-plane zeros (planar d3) can be represented.
+- Modes of different joints do not couple.
 """
 
 import numpy as np
@@ -25,7 +28,7 @@ def mode_steps(modes, substep, stretch=1.0):
     """
     Return the exact step of each mode, shape (len(modes), STEP_SIZE), for `mode_step`.
 
-    Exact for a joint of constant acceleration over the substep, which is how the rigid machine is integrated.
+    Exact for constant joint acceleration over the substep, as in the integration of the rigid machine.
 
     Parameters
     ----------

@@ -1,16 +1,16 @@
 """
-What does not repeat: every draw of the simulated machine, a pure function of (seed, what, cycle, place in the cycle).
+Random draws of the simulated machine, each a pure function of (seed, quantity, cycle, tick of the cycle).
 
-Counter-based generators make it so: nothing depends on how long other cycles were, how many there were, or wall time.
+The generators are counter-based: a draw depends on neither the length and number of other cycles nor wall time.
 """
 
 import numpy as np
 
 from pkm_core.plant.arrays import AMPLIFIER, ENCODER, FLOOR
 
-_ASSEMBLY, _CYCLE, _ENCODER, _AMPLIFIER, _FLOOR, _LASER = range(6)  # new ones at the end keep old bits
-_BLOCK = 1024  # ticks, or samples of the laser, drawn at once
-_RUN = 32  # of them share the coarse part of the floor's phases
+_ASSEMBLY, _CYCLE, _ENCODER, _AMPLIFIER, _FLOOR, _LASER = range(6)  # append new ones, so that existing bits stay
+_BLOCK = 1024  # ticks, or laser samples, per draw
+_RUN = 32  # ticks that share the coarse part of the floor's phases
 _TONES = 24  # of the floor vibration, in each direction
 
 
@@ -19,7 +19,7 @@ def _generator(seed, *key):
 
 
 def assembly_generator(seed):
-    """Return the generator of what is fixed when a machine is built."""
+    """Return the generator of the values that are fixed when a machine is built."""
     return _generator(seed, _ASSEMBLY)
 
 
@@ -32,7 +32,7 @@ class LaserNoise:
         self._number = None
 
     def at(self, samples):
-        """Return the noise (K, size) of the samples of the numbers `samples` (K,), from 0."""
+        """Return the noise (K, size) of the samples numbered `samples` (K,), from 0."""
         noise = np.empty((len(samples), self._size))
         for number in np.unique(samples // _BLOCK):
             if number != self._number:
@@ -50,7 +50,7 @@ class CycleNoise:
     Attributes
     ----------
     friction, gain : ndarray, shape (n,)
-        Factors of this cycle on Coulomb friction and thrust.
+        Factors on Coulomb friction and thrust in this cycle.
 
     """
 
@@ -78,8 +78,8 @@ class CycleNoise:
         """
         Return (block, row): the disturbances of tick `index` of the cycle are block[:, row].
 
-        A block has the shape (3, ticks, n), rows plant_arrays.ENCODER [counts], AMPLIFIER [V] and FLOOR [m/s^2], the
-        floor's acceleration along each guide.
+        A block has the shape (3, ticks, n), rows arrays.ENCODER [counts], AMPLIFIER [V] and FLOOR [m/s^2], the
+        acceleration of the floor along each guide.
         """
         number, row = divmod(index, _BLOCK)
         if number != self._number:
@@ -98,7 +98,7 @@ class CycleNoise:
             self._block[FLOOR] = along[:, self._directions]
 
     def _tones(self, first):
-        """Return the sum of the tones (_BLOCK, 2) from tick `first` on; cos(a + b) from the few cosines of a and b."""
+        """Return the sum of the tones (_BLOCK, 2) from tick `first` on, by cos(a + b) = cos a cos b - sin a sin b."""
         ticks = np.arange(_BLOCK).reshape(-1, _RUN, 1, 1)
         a = self._sample_time * (first + ticks[:, 0]) * self._rates + self._phases
         b = self._sample_time * ticks[0] * self._rates

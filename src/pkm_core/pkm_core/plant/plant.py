@@ -1,14 +1,14 @@
 """
 The whole physical machine, one servo tick at a time: volts in, encoder counts out.
 
-Signal path: DAC and saturation -> one whole sample of computation delay and zero-order hold -> current loop -> thrust
+Signal path: DAC and saturation -> one sample of computation delay and zero-order hold -> current loop -> thrust
 -> coupled rigid dynamics with gravity (on links 10, 12 and the end-effector), friction and stops -> flexible modes ->
-encoder. The parts are in drive.py, dynamics.py (belts.py), friction.py, stops.py, flexible.py and encoder.py;
-plant_tick.py composes them.
+encoder. The parts are drive.py, machines/dynamics.py (belts.py), friction.py, contact.py, modes.py and encoder.py;
+tick.py composes them.
 
-The identified gains K_i and viscosities a_i of (7.34), (8.4) come out by an extra mass on each carriage,
-K_i = thrust_per_volt / (M_ii(home) + extra_i), and b_i = a_i (M_ii(home) + extra_i): M_ii is what one axis moves while
-the others are held. The extra mass stands for what Table 6.1 does not list; the thesis does not explain it.
+An extra mass on each carriage reproduces the identified gains K_i and viscosities a_i of (7.34), (8.4):
+K_i = thrust_per_volt / (M_ii(home) + extra_i), b_i = a_i (M_ii(home) + extra_i). M_ii is the mass that one axis moves
+while the others are held. The extra mass stands for parts that Table 6.1 does not list; the thesis does not explain it.
 """
 
 import copy
@@ -32,26 +32,26 @@ from pkm_core.plant.truth import Drive, load_truth
 @dataclass(frozen=True)
 class PlantTruth:
     """
-    What is really the case at one instant; for tests, reports and the laser only.
+    True state at one instant; for tests, reports and the laser only.
 
     Attributes
     ----------
     time : float
-        Since switching on [s].
+        Since power-up [s].
     q, qd : ndarray, shape (n,)
-        What the scales move by, deflections of the modes included [m], [m/s].
+        Position and speed of the scales, deflections of the modes included [m], [m/s].
     rigid_q : ndarray, shape (n,)
         Joint positions of the rigid machine [m].
     belts, belt_rates : ndarray, shape (2,) or (0,)
-        Rotations psi_p, psi_q of the platforms [rad], [rad/s]; empty where belts are taken as stiff.
+        Rotations psi_p, psi_q of the platforms [rad], [rad/s]; empty if the belts are modelled as stiff.
     current : ndarray, shape (n,)
         Amplitude of the phase currents [A].
     thrust, friction : ndarray, shape (n,)
-        On the carriages, friction against the motion [N]; means of the last substep.
+        On the carriages, friction positive against the motion [N]; means of the last substep.
     assembly : Assembly
         The specimen.
     drive : truth.Drive
-        What amplifiers and motors are.
+        Amplifiers and motors.
 
     """
 
@@ -69,7 +69,7 @@ class PlantTruth:
 
     @cached_property
     def pose(self):
-        """The end point (m,) [m, rad] by true joint positions, true links and belts."""
+        """The end point (m,) [m, rad] from true joint positions, link lengths and belt rotations."""
         return self.assembly.end_point(self.q, self.belts)
 
     @property
@@ -82,23 +82,22 @@ class Plant:
     """
     One simulated specimen of a machine, at home and at rest until the first tick.
 
-    The encoders read home there; where their marks are off, the joints are off by as much.
+    At home the encoders read the home position; the joints are off by the offsets of the reference marks.
 
     Parameters
     ----------
     machine : Machine
-        Its nominal design; the truth is read from config/truth/<machine.name>.yaml.
+        Nominal design; the truth is read from config/truth/<machine.name>.yaml.
     seed : int
-        Same seed, same bits: of the specimen and of every disturbance.
+        The same seed gives the same bits of the specimen and of every disturbance.
     environment : str
-        A section of that file: 'ideal', 'nominal', 'hard', and for four_dof 'elastic', which is 'nominal' with belts
-        that give and modes that depend on position.
+        A section of that file: 'ideal', 'nominal', 'hard', 'exact', and for four_dof 'elastic'; see truth.py.
 
     """
 
     def __init__(self, machine, seed, environment='nominal'):
         if not isinstance(seed, numbers.Integral) or isinstance(seed, bool) or seed < 0:
-            raise PkmError(f'plant: seed {seed!r} given; expected a whole number from 0')
+            raise PkmError(f'plant: seed {seed!r} given; allowed: whole numbers from 0')
         self.machine = machine
         truth, levels = load_truth(machine, environment)
         self._drive = truth.drive
@@ -109,7 +108,7 @@ class Plant:
         self._noise = CycleNoise(seed, levels, directions, truth.vibration_band, machine.sample_time)
         self._no_volts = np.zeros(len(machine.joints))
         self.reset()
-        next(self.brake(1))  # numba compiles, or loads what it has compiled, here and not in the first tick
+        next(self.brake(1))  # numba compiles or loads its cache here, not in the first tick
         self.reset()
 
     def reset(self):
@@ -121,9 +120,9 @@ class Plant:
         self.start_cycle(0)
 
     def start_cycle(self, cycle):
-        """Draw what `cycle` (from 0) does not share with others; its noise starts at index 0, the motion goes on."""
+        """Draw the disturbances of `cycle` (from 0); its noise starts at index 0, the motion continues."""
         if not isinstance(cycle, numbers.Integral) or isinstance(cycle, bool) or cycle < 0:
-            raise PkmError(f'plant: cycle {cycle!r} given; expected a whole number from 0')
+            raise PkmError(f'plant: cycle {cycle!r} given; allowed: whole numbers from 0')
         self._noise.start(int(cycle))
         for name, factor in (('newton_per_ampere', self._noise.gain), ('coulomb', self._noise.friction)):
             self._arrays.parameters[name] = self._built.parameters[name] * factor
@@ -136,7 +135,7 @@ class Plant:
         Parameters
         ----------
         volts : array_like, shape (n,)
-            The answer to the present reading [V]; the drive applies it from the next tick on, saturated.
+            Command computed from the present reading [V]; the drive applies it, saturated, from the next tick on.
 
         Returns
         -------
@@ -145,22 +144,22 @@ class Plant:
         Raises
         ------
         PkmError
-            If `volts` has another shape or a value that is not finite; nothing has changed then.
+            If `volts` has another shape or a value that is not finite; the state is unchanged then.
 
         """
         return self._advance(volts, False)
 
     def run(self, loop, ticks):
         """
-        Advance by `ticks` in a compiled loop, until the machine has a fault; return by how many it was.
+        Advance by at most `ticks` in a compiled loop that ends at a fault; return the number of ticks done.
 
-        `loop(arguments, counts, noise, row, substeps, index, stop)` calls plant_tick.advance for `index` to `stop`,
-        each with the next row of the noise, and returns the next index and the event that ended it, or 0.
+        `loop(arguments, counts, noise, row, substeps, index, stop)` calls tick.advance for each of `index` to `stop`
+        with the next row of the noise. It returns the next index and the event that ended it, or 0.
 
         Raises
         ------
         PkmError
-            If a voltage was not finite.
+            If a voltage is not finite.
 
         """
         index = event = 0
@@ -178,7 +177,7 @@ class Plant:
         return index
 
     def brake(self, ticks):
-        """Yield the reading of each of `ticks` ticks with the motors shorted: the safe stop without any controller."""
+        """Yield the reading of each of `ticks` ticks with the motors shorted: a safe stop without a controller."""
         for _ in range(ticks):
             yield self._advance(self._no_volts, True)
 
@@ -189,7 +188,7 @@ class Plant:
 
     @property
     def fault(self):
-        """What went wrong first since `reset`, as text, or None; the machine goes on all the same."""
+        """The first fault since `reset` as text, or None; the simulation continues after a fault."""
         return self._fault
 
     @property
@@ -227,7 +226,7 @@ class Plant:
         return self._arrays.counts.copy()
 
     def _describe(self, contact):
-        """Return what the row `contact` of the contacts means, with the places of this moment."""
+        """Return the fault text for the row `contact` of the contacts, with the present positions."""
         below, above = self._arrays.contacts[contact, :2].astype(int)
         joints, limits, q = self.machine.joints, self.machine.limits, self._arrays.motion[Q] * 1e3
         when = f'{self._ticks * self.machine.sample_time * 1e3:.1f} ms'

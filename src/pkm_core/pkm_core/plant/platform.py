@@ -1,12 +1,12 @@
 """
-Flexibility of the platform: what gives between the joints and the end point, seen by the laser and by no encoder.
+Elasticity between linkage and end point, which the laser measures and the encoders do not.
 
-The platform sits on its linkage like a mass on a damped spring, alike in every coordinate. Moved by the pose x of the
-linkage, it stands off by e,
+The platform is a mass on a damped spring, the same in every coordinate. Its deflection e from the pose x of the linkage
+obeys
 
     e'' + 2 z w e' + w^2 e = -x'',
 
-half a micrometre at 4 m/s^2 and 450 Hz. Like the modes of the axes it pushes back on nothing.
+0.5 um at 4 m/s^2 and 450 Hz. Like the modes of the axes it exerts no force on the linkage.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ class Platform:
     size : int
         Number of coordinates m.
     sample_time : float
-        Of a tick [s].
+        One tick [s].
 
     """
 
@@ -39,9 +39,9 @@ class Platform:
 
     def follow(self, velocity):
         """
-        Return how far and how fast the platform stands off at each tick, two arrays (T, m) [m, rad], [m/s, rad/s].
+        Return deflection and its rate at each tick, two arrays (T, m) [m, rad], [m/s, rad/s].
 
-        `velocity` (T, m) is that of the linkage [m/s, rad/s], from the last tick of the call before on.
+        `velocity` (T, m) is that of the linkage [m/s, rad/s], from the last tick of the previous call on.
         """
         path = np.empty((len(velocity), *self._state.shape))
         path[0] = self._state
@@ -52,7 +52,7 @@ class Platform:
 
 @njit(cache=True, error_model='numpy')
 def _follow(path, a, acceleration):
-    """Fill `path` (T, 2, m) from its first row on."""
+    """Fill `path` (T, 2, m) from its first row, the initial state."""
     for k in range(len(path) - 1):
         for i in range(path.shape[2]):
             e, rate, forced = path[k, 0, i], path[k, 1, i], acceleration[k, i]

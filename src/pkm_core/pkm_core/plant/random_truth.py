@@ -1,7 +1,7 @@
 """
 Random machines: the same controllers and models, another plant.
 
-The drawn values are written into a copy of the plant's own file, config/truth; models, gains and laws stay as they are.
+The drawn values are written into a copy of config/truth; models, gains and laws do not change.
 """
 
 import shutil
@@ -17,9 +17,9 @@ from pkm_core.config import Configuration, Frequency, Number, read_yaml
 from pkm_core.errors import ConfigError
 
 GAIN = 0.2  # half width of the uniform spread of the thrust of each axis
-RESONANCE = 0.05  # of every mode, resonance and anti-resonance alike
+RESONANCE = 0.05  # half width for every mode; one factor for resonance and anti-resonance
 DAMPING = (0.6, 1.5)  # factor on every damping
-FRICTION = (0.1, 1.0)  # [N] Coulomb friction of all guides
+FRICTION = (0.1, 1.0)  # [N] Coulomb friction, the same for all guides
 
 _HERTZ, _NUMBER = (TypeAdapter(kind).validate_python for kind in (Frequency, Number))
 
@@ -27,7 +27,7 @@ _HERTZ, _NUMBER = (TypeAdapter(kind).validate_python for kind in (Frequency, Num
 @contextmanager
 def random_machine(machine, seed, environment='nominal'):
     """
-    Yield `machine` with a configuration in which the plant is a random one; the configuration ends with the block.
+    Yield `machine` with a configuration whose plant is random; the configuration is deleted when the block ends.
 
     The same `seed` (an int or a tuple of ints) gives the same plant. Thrust, modes, dampings and, in `environment`,
     Coulomb friction are drawn.
@@ -46,7 +46,7 @@ def random_machine(machine, seed, environment='nominal'):
 
 
 def draw_truth(configuration, name, seed, environment):
-    """Overwrite the truth file of the machine `name` in `configuration` with a random one, see `random_machine`."""
+    """Overwrite the truth file of the machine `name` in `configuration` with random values, see `random_machine`."""
     draw = np.random.default_rng(seed)
     path = configuration.find('truth', name)
     truth = read_yaml(path)

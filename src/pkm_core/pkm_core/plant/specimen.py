@@ -1,4 +1,4 @@
-"""Draw one built machine: link lengths, encoder offsets and payload within the spreads of an environment."""
+"""Draw of one built machine: link lengths, encoder offsets and payload, with the spreads of an environment."""
 
 from pkm_core.machines.assembly import Assembly
 from pkm_core.machines.built import drawn_length
@@ -8,7 +8,7 @@ _LINKS = {'four_dof': ('l2', 'l4', 'l6', 'l8', 'k10', 'k12'), 'planar': ('l2', '
 
 
 def assemble(machine, truth, environment, seed):
-    """Return the `Assembly` that `seed` draws from the spreads of the environment."""
+    """Return the `Assembly` drawn with `seed` from the spreads of the environment."""
     draw = assembly_generator(seed)
     geometry = getattr(machine.config, 'geometry', None)
     encoder_offset = environment.encoder_offset * draw.standard_normal(len(machine.joints))

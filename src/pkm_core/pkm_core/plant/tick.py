@@ -1,11 +1,16 @@
 """
 The compiled servo tick of the plant: volts in, one sample time of physics, counts out; no allocation, no randomness.
 
-Between the readings k and k+1 the drive applies the voltage that answered reading k-1 (one whole sample of
-computation), held, quantised, saturated. Each substep takes the exact mean of the current, evaluates the rigid machine
-at the middle of the substep and holds its acceleration (second order, no numerical damping); viscous friction follows
-the trapezoid rule, modes and windings their exact solutions. Kernels divide as numpy does (`error_model`): a check at
-every division would cost a fifth of the tick, and what could be zero is refused with the configuration.
+Between the readings k and k+1 the drive applies the voltage computed from reading k-1 (a computation delay of one
+sample), quantised, saturated and held. Each substep
+
+- takes the exact mean of the current,
+- evaluates the rigid machine at the middle of the substep and holds its acceleration (second order, no numerical
+  damping),
+- integrates viscous friction by the trapezoid rule, modes and windings by their exact solutions.
+
+Kernels divide as numpy does (`error_model`): a check at every division would cost 20 % of the tick, and a
+configuration that leads to a zero divisor is refused when it is loaded.
 """
 
 import math
@@ -24,7 +29,7 @@ from pkm_core.plant.modes import blend_steps, mode_step
 
 @njit(cache=True, error_model='numpy')
 def rigid_terms(mechanism, q, qd, p, M, C, G):
-    """Fill M, C, G of the mechanism with this index in plant_arrays.MECHANISMS."""
+    """Fill M, C, G of the mechanism with this index in arrays.MECHANISMS."""
     if mechanism == 0:
         planar_terms(q, qd, p, M, C, G)
     elif mechanism == 1:
@@ -37,7 +42,7 @@ def rigid_terms(mechanism, q, qd, p, M, C, G):
 
 @njit(cache=True, error_model='numpy')
 def solve(M, b):
-    """Overwrite `b` with the solution of M x = b; M is symmetric positive definite, its lower half is spent."""
+    """Overwrite `b` with the solution of M x = b; M is symmetric positive definite, its lower half is overwritten."""
     m = b.shape[0]
     for k in range(m):
         per_pivot = 1.0 / M[k, k]
@@ -55,7 +60,7 @@ def solve(M, b):
 
 @njit(cache=True, error_model='numpy')
 def _take_command(axis, common, volts, noise, shorted):
-    """Apply the command of the last tick, keep `volts` for the next."""
+    """Apply the command of the previous tick and store `volts` for the next one."""
     applied = axis.command
     axis.command = dac_output(volts, common.voltage_limit, common.dac_step)
     axis.before = axis.demand
@@ -66,7 +71,7 @@ def _take_command(axis, common, volts, noise, shorted):
 
 @njit(cache=True, error_model='numpy')
 def mean_current(axis, common, first, shorted):
-    """Return the mean amplitude [A] over a substep; in the first of a tick the last demand still runs for the delay."""
+    """Return the mean amplitude [A] over a substep; in the first one the previous demand acts until the delay ends."""
     h, lag = common.substep, common.current_lag
     if shorted:
         axis.current, charge = current_step(axis.current, 0.0, common.decay_winding, common.winding, h)
@@ -82,7 +87,7 @@ def mean_current(axis, common, first, shorted):
 
 @njit(cache=True, error_model='numpy')
 def _axis_force(axis, parameters, common, position, speed, first, shorted):
-    """Return thrust less friction [N] over a substep with this position and speed in its middle."""
+    """Return thrust minus friction [N] over a substep with this position and speed at its middle."""
     current = mean_current(axis, common, first, shorted)
     axis.short_force, axis.loop_force, emf = emf_step(
         axis.short_force,
@@ -115,7 +120,7 @@ def _axis_force(axis, parameters, common, position, speed, first, shorted):
 
 @njit(cache=True, error_model='numpy')
 def _add_contacts(contacts, common, q, qd, force):
-    """Add the contact forces to `force`; return the event of a contact that touches, or 0."""
+    """Add the contact forces to `force`; return the event of a closed contact, or 0."""
     event = 0
     for row in range(contacts.shape[0]):
         below, above = int(contacts[row, 0]), int(contacts[row, 1])  # -1 is the base
@@ -146,7 +151,7 @@ def _bend(modes, steps, speed, acceleration):
 
 @njit(cache=True, error_model='numpy')
 def _read(axis, parameters, common, q, qd, modes, noise):
-    """Return the count the encoder gives now."""
+    """Return the present encoder count."""
     axis.position, axis.speed = q, qd
     for m in range(modes.shape[0]):
         axis.position += modes[m, 0]
@@ -176,22 +181,22 @@ def advance(
     shorted,
 ):
     """
-    Advance the machine by one sample time; with a voltage that is not finite nothing changes.
+    Advance the machine by one sample time; a voltage that is not finite leaves the state unchanged.
 
     Parameters
     ----------
     motion, axes, modes, counts, mechanism, rigid, parameters, common_row, contacts, mode_table, scratch, steps
-        The fields of plant_arrays.PlantArrays; the first four are the state.
+        The fields of arrays.PlantArrays; the first four are the state.
     volts : ndarray, shape (n,)
         [V].
     noise : ndarray, shape (3, ticks, n)
         Rows ENCODER, AMPLIFIER, FLOOR.
     row : int
-        The tick of `noise` that is used.
+        The tick of `noise` to use.
     substeps : int
-        In one sample time.
+        Number per sample time.
     shorted : bool
-        The brake instead of the drive.
+        Phases shorted (brake) instead of driven.
 
     Returns
     -------
@@ -229,7 +234,7 @@ def advance(
         event = touched if event == 0 else event
         solve(M, force)  # now the acceleration
         for i in range(n):
-            # scale and carriages share a floor: M (qdd + floor) = F, exact where a guide's joints carry all that moves
+            # scale and carriages move with the floor: M (qdd + floor) = F, exact if a guide's joints carry all masses
             force[i] -= noise[FLOOR, row, i]
             _bend(modes[i], steps[i], motion[QD, i], force[i])
         for i in range(m):

@@ -1,11 +1,15 @@
 """
 The truth of a simulated machine: strict models of config/truth/NAME.yaml and their loader.
 
-Only the plant and the files it is made of may import this module; controllers, learning and identification hold their
-own model (config/model). A file has two layers: what the machine is (axes, drive, friction, ...) and, by name, the
-environments it can stand in, which say how strongly each imperfection acts: `ideal`, `nominal`, `hard`, `exact`, which
-is `nominal` with links and marks as drawn, and for the 4-DOF manipulator `elastic`, which is `nominal` with belts that
-give and modes that depend on position.
+Only the plant may import this module. Controllers, learning and identification have their own model (config/model).
+
+A file has two layers: the machine itself (axes, drive, friction, ...) and named environments. An environment sets the
+level of each imperfection:
+
+- `ideal`: none
+- `nominal`, `hard`: two levels of all of them
+- `exact`: `nominal` with links and marks as drawn
+- `elastic` (4-DOF manipulator only): `nominal` with elastic belts and modes that depend on position
 """
 
 from typing import Annotated, Literal
@@ -31,127 +35,135 @@ Share = Annotated[Number, Field(ge=0.0, lt=1.0)]  # a relative level, e.g. '3 %'
 
 
 class Mode(Config):
-    """One factor of H_i (7.20); a negative damping of the antiresonance is a pair of right-half-plane zeros."""
+    """One factor of H_i (7.20): a pair of zeros over a pair of poles."""
 
-    resonance: Annotated[Frequency, Field(gt=0.0)]
+    resonance: Annotated[Frequency, Field(gt=0.0, description='poles of the factor')]
     resonance_damping: Annotated[Number, Field(gt=0.0, lt=1.0)]
-    antiresonance: Annotated[Frequency, Field(gt=0.0)]
-    antiresonance_damping: Annotated[Number, Field(gt=-1.0, lt=1.0)]
+    antiresonance: Annotated[Frequency, Field(gt=0.0, description='zeros of the factor')]
+    antiresonance_damping: Annotated[
+        Number, Field(gt=-1.0, lt=1.0, description='negative: zeros in the right half plane')
+    ]
 
 
 class Axis(Config):
-    """One driven joint: identified model L_i H_i (7.18)-(7.20) and by how much this specimen differs from it."""
+    """One driven joint: identified model L_i H_i (7.18)-(7.20) and the deviation of this specimen from it."""
 
-    gain: Annotated[quantity('m/s^2/V'), Field(gt=0.0)] | None = None  # K_i; absent: thrust over the mass at home
-    viscosity: Annotated[quantity('1/s'), Field(ge=0.0)]  # a_i
-    gain_error: Annotated[Number, Field(gt=-0.5, lt=0.5)]  # of the thrust
-    viscosity_error: Annotated[Number, Field(gt=-1.0, lt=1.0)]
-    direction: Literal['x', 'y']  # along which its guide lies
+    gain: (
+        Annotated[quantity('m/s^2/V'), Field(gt=0.0, description='K_i; absent: thrust over the mass at home')] | None
+    ) = None
+    viscosity: Annotated[quantity('1/s'), Field(ge=0.0, description='a_i')]
+    gain_error: Annotated[Number, Field(gt=-0.5, lt=0.5, description='relative error of the thrust')]
+    viscosity_error: Annotated[Number, Field(gt=-1.0, lt=1.0, description='relative error of a_i')]
+    direction: Annotated[Literal['x', 'y'], Field(description='base axis along which the guide lies')]
     modes: tuple[Mode, ...]
 
     @model_validator(mode='after')
     def _resonances_differ(self):
         frequencies = [mode.resonance for mode in self.modes]
         if len(set(frequencies)) < len(frequencies):
-            raise ValueError(f'modes: resonances {frequencies} Hz; all of a joint must differ')
+            raise ValueError(f'modes: resonances {frequencies} Hz; the resonances of a joint must differ')
         return self
 
 
 class Drive(Config):
-    """What the nominal design does not say of amplifier and motor; winding values are phase to phase (Table 6.2)."""
+    """Amplifier and motor, beyond the values of the nominal design (Table 6.2)."""
 
-    dac_bits: Annotated[int, Field(ge=8, le=24)]
-    bandwidth: Annotated[Frequency, Field(gt=0.0)]  # -3 dB of the current loop, (6.3)
-    delay: Annotated[Time, Field(ge=0.0)]
-    resistance: Annotated[quantity('ohm'), Field(gt=0.0)]
-    inductance: Annotated[quantity('H'), Field(gt=0.0)]
-    pitch: Annotated[Length, Field(gt=0.0)]  # of the magnets: one electrical turn
-    continuous_current: Annotated[quantity('A'), Field(gt=0.0)]  # rms of a phase
-    thermal_time: Annotated[Time, Field(gt=0.0)]  # of the i2t limit, which falls back to continuous_current
+    dac_bits: Annotated[int, Field(ge=8, le=24, description='of the command converter')]
+    bandwidth: Annotated[Frequency, Field(gt=0.0, description='-3 dB of the current loop, (6.3)')]
+    delay: Annotated[Time, Field(ge=0.0, description='of the current command; below a substep')]
+    resistance: Annotated[quantity('ohm'), Field(gt=0.0, description='phase to phase')]
+    inductance: Annotated[quantity('H'), Field(gt=0.0, description='phase to phase')]
+    pitch: Annotated[Length, Field(gt=0.0, description='of the magnets: one electrical turn')]
+    continuous_current: Annotated[quantity('A'), Field(gt=0.0, description='rms of a phase')]
+    thermal_time: Annotated[Time, Field(gt=0.0, description='of the i2t limit, which falls back to continuous_current')]
 
 
 class Friction(Config):
     """Presliding and Stribeck curve of one guide (friction.py); the Coulomb force is set by the environment."""
 
-    stiffness: Annotated[quantity('N/m'), Field(gt=0.0)]  # presliding
-    damping: Annotated[quantity('N s/m'), Field(ge=0.0)]  # presliding
-    elastic: Annotated[Number, Field(gt=0.0, lt=1.0)]  # share of the bend at breakaway below which nothing creeps
-    breakaway: Annotated[Number, Field(ge=1.0)]  # static over Coulomb force
+    stiffness: Annotated[quantity('N/m'), Field(gt=0.0, description='presliding')]
+    damping: Annotated[quantity('N s/m'), Field(ge=0.0, description='presliding')]
+    elastic: Annotated[Number, Field(gt=0.0, lt=1.0, description='share of the breakaway deflection without creep')]
+    breakaway: Annotated[Number, Field(ge=1.0, description='static over Coulomb force')]
     stribeck_speed: Annotated[Speed, Field(gt=0.0)]
 
 
 class Stops(Config):
-    """Mechanical stoppers outside the travel, and carriages on one guide that may meet, (2.4)."""
+    """Mechanical stoppers outside the travel, and carriages on one guide that may collide, (2.4)."""
 
-    clearance: Annotated[Length, Field(gt=0.0)]  # from the end of the travel
+    clearance: Annotated[Length, Field(gt=0.0, description='from the end of the travel')]
     stiffness: Annotated[quantity('N/m'), Field(gt=0.0)]
-    damping: Annotated[quantity('s/m'), Field(ge=0.0)]  # Hunt-Crossley: force k d (1 + c d')
-    carriages: tuple[tuple[str, str], ...]  # (lower, higher) joints of one guide
-    carriage_length: Annotated[Length, Field(ge=0.0)]
+    damping: Annotated[quantity('s/m'), Field(ge=0.0, description="Hunt-Crossley: force k d (1 + c d')")]
+    carriages: Annotated[tuple[tuple[str, str], ...], Field(description='(lower, higher) joints of one guide')]
+    carriage_length: Annotated[Length, Field(ge=0.0, description='least distance of two carriages on a guide')]
 
 
 class Belts(Config):
-    """Belts that keep the platforms P and Q from turning; thesis section 5.5."""
+    """Belts that prevent rotation of the platforms P and Q; thesis section 5.5."""
 
     stiffness: Annotated[quantity('N m/rad'), Field(gt=0.0)]
     damping: Annotated[quantity('N m s/rad'), Field(ge=0.0)]
 
 
 class Payload(Config):
-    """A mass that rides on named masses of the dynamic model."""
+    """A mass added to named masses of the dynamic model."""
 
     mass: Annotated[Mass, Field(ge=0.0)]
-    carried_by: tuple[str, ...]  # names of dynamic parameters
+    carried_by: Annotated[tuple[str, ...], Field(description='names of dynamic parameters')]
 
 
 class Platform(Config):
-    """The platform on its linkage, beyond the reach of the encoders (platform.py)."""
+    """Elasticity between linkage and platform, which the encoders do not measure (platform.py)."""
 
     resonance: Annotated[Frequency, Field(gt=0.0)]
     damping: Annotated[Number, Field(gt=0.0, lt=1.0)]
 
 
 class LaserTruth(Config):
-    """What one reading of the end-point measurement is worth; its clock is in the machine's file."""
+    """Resolution of the end-point measurement; its clock is in the machine's file."""
 
     resolution: Annotated[Length, Field(gt=0.0)]
-    rotation_arm: Annotated[Length, Field(gt=0.0)]  # over which a rotation is seen as a displacement
+    rotation_arm: Annotated[Length, Field(gt=0.0, description='displacement per rotation [m/rad]')]
 
 
 class Environment(Config):
-    """How strongly each imperfection acts; spreads are standard deviations unless said."""
+    """Level of each imperfection; spreads are standard deviations unless stated otherwise."""
 
-    model_error: bool  # gain_error and viscosity_error of the axes
-    modes: bool  # of the axes and of the platform
-    mode_shift: Annotated[Number, Field(gt=-0.3, lt=0.3)]  # of all frequencies, from home to the farther end of travel
-    belts: bool
-    back_emf: bool
-    coulomb_friction: Annotated[Force, Field(ge=0.0)]
-    friction_jitter: Share  # half width of the uniform spread from cycle to cycle
-    gain_jitter: Share  # of the thrust, from cycle to cycle
-    ripple: Share  # of the thrust, once a pitch
-    cogging: Annotated[Force, Field(ge=0.0)]  # amplitude, twice a pitch
-    amplifier_noise: Annotated[Voltage, Field(ge=0.0)]  # referred to the command
-    floor_vibration: Annotated[quantity('m/s^2'), Field(ge=0.0)]  # rms in x and in y
-    encoder_noise: Annotated[Number, Field(ge=0.0)]  # half width, counts
-    subdivision_error: Annotated[Length, Field(ge=0.0)]  # amplitude, once a signal period
-    encoder_latency: Annotated[Time, Field(ge=0.0)]
-    encoder_offset: Annotated[Length, Field(ge=0.0)]  # of the reference marks
-    link_error: Annotated[Length, Field(ge=0.0)]
-    payload_spread: Share  # of the payload
-    laser_noise: Annotated[Length, Field(ge=0.0)]
+    model_error: Annotated[bool, Field(description='gain_error and viscosity_error of the axes act')]
+    modes: Annotated[bool, Field(description='of the axes and of the platform')]
+    mode_shift: Annotated[
+        Number, Field(gt=-0.3, lt=0.3, description='of all frequencies, from home to the farther end')
+    ]
+    belts: Annotated[bool, Field(description='the belts are elastic')]
+    back_emf: Annotated[bool, Field(description='the back EMF of the motors acts')]
+    coulomb_friction: Annotated[Force, Field(ge=0.0, description='force of each guide')]
+    friction_jitter: Annotated[Share, Field(description='half width of the uniform spread from cycle to cycle')]
+    gain_jitter: Annotated[Share, Field(description='of the thrust, from cycle to cycle')]
+    ripple: Annotated[Share, Field(description='of the thrust, once per pitch')]
+    cogging: Annotated[Force, Field(ge=0.0, description='amplitude, twice per pitch')]
+    amplifier_noise: Annotated[Voltage, Field(ge=0.0, description='referred to the command')]
+    floor_vibration: Annotated[quantity('m/s^2'), Field(ge=0.0, description='rms in x and in y')]
+    encoder_noise: Annotated[Number, Field(ge=0.0, description='half width, counts')]
+    subdivision_error: Annotated[Length, Field(ge=0.0, description='amplitude, once per signal period')]
+    encoder_latency: Annotated[Time, Field(ge=0.0, description='from sampling to the reading')]
+    encoder_offset: Annotated[Length, Field(ge=0.0, description='of the reference marks')]
+    link_error: Annotated[Length, Field(ge=0.0, description='of every link length')]
+    payload_spread: Annotated[Share, Field(description='of the payload')]
+    laser_noise: Annotated[Length, Field(ge=0.0, description='of one reading')]
 
 
 class Truth(Config):
-    """Everything config/truth/NAME.yaml says of one machine."""
+    """Truth of one simulated machine."""
 
-    substep: Annotated[Time, Field(gt=0.0)]  # of the integration; must divide the sample time
+    substep: Annotated[Time, Field(gt=0.0, description='of the integration; must divide the sample time')]
     axes: dict[str, Axis]
     drive: Drive
     friction: Friction
     stops: Stops
-    signal_period: Annotated[Length, Field(gt=0.0)]  # of the encoder's scale
-    vibration_band: tuple[Frequency, Frequency]
+    signal_period: Annotated[Length, Field(gt=0.0, description="of the encoder's scale")]
+    vibration_band: Annotated[
+        tuple[Frequency, Frequency], Field(description='lower and upper end of the floor vibration')
+    ]
     payload: Payload
     platform: Platform
     laser: LaserTruth
@@ -161,7 +173,7 @@ class Truth(Config):
     @model_validator(mode='after')
     def _agrees(self):
         if self.drive.delay >= self.substep:
-            raise ValueError(f'drive.delay {self.drive.delay:g} s is not below substep {self.substep:g} s')
+            raise ValueError(f'drive.delay {self.drive.delay:g} s given; allowed below substep {self.substep:g} s')
         for pair in self.stops.carriages:
             for joint in pair:
                 if joint not in self.axes:
@@ -182,7 +194,7 @@ def load_truth(machine, environment):
     Raises
     ------
     ConfigError
-        If the file is refused, names other joints than the machine, or does not know the environment.
+        If the file is refused, its joints are not those of the machine, or it has no such environment.
 
     """
     path = machine.configuration.find('truth', machine.name)

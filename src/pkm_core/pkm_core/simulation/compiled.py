@@ -1,7 +1,7 @@
 """
-A cycle of plant and robust controllers in one compiled loop: the functions of the single ticks, so the same bits.
+A cycle of plant and robust controllers in one compiled loop, with the same functions and bits as single ticks.
 
-Tick by tick, half of the time goes into calling compiled functions from Python.
+With single ticks, half of the time is spent on calls of compiled functions from Python.
 """
 
 from numba import njit
@@ -12,7 +12,7 @@ from pkm_core.plant.tick import advance
 
 @njit(cache=True, error_model='numpy')
 def _close(arguments, place, noise, row, substeps, resolution, axes, index, stop, counts, voltage, error):
-    """Run samples `index` to `stop` or until something happens; return the next sample and what happened."""
+    """Run samples `index` to `stop` or to the first event; return the next sample and the event."""
     event = 0
     while index < stop and event == 0:
         for i in range(len(axes)):
@@ -28,21 +28,21 @@ def _close(arguments, place, noise, row, substeps, resolution, axes, index, stop
 
 def run_cycle(plant, controllers, counts, voltage, error):
     """
-    Run a loaded cycle of `JointControllers` on a `Plant` and fill the records of its samples.
+    Run a loaded cycle of `JointControllers` on a `Plant` and fill the records, one row per sample.
 
     Parameters
     ----------
     plant : Plant
-        Its cycle is started.
+        With its cycle started.
     controllers : JointControllers
-        They have loaded a cycle of as many samples as the records.
+        With a loaded cycle of N samples.
     counts, voltage, error : ndarray, shape (N, n)
-        Readings [counts], answers [V] and errors [m]; after a fault of the plant the rest stays as it was.
+        Readings [counts], commands [V] and errors [m]; the rows after a fault of the plant are not changed.
 
     Returns
     -------
     samples : int
-        N, or how many were run until the plant had a fault.
+        Number of samples run: N, or fewer after a fault of the plant.
 
     """
     axes = tuple(axis.compiled() for axis in controllers.axes)

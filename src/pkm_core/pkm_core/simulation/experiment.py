@@ -1,4 +1,4 @@
-"""An experiment on the simulated machine without ROS: the cell's loop with the excitation behind the controllers."""
+"""Identification experiments on the simulated machine without ROS; the excitation is added after the controllers."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from pkm_core.identification.axis_data import JointRecord
 from pkm_core.identification.guard import Guard
 from pkm_core.plant.plant import Plant
 
-_BRAKE_TICKS = 1000  # half a second: the shorted motors stop 1 kg from the speed limit within 0.1 s
+_BRAKE_TICKS = 1000  # 0.5 s; the shorted motors stop 1 kg from the speed limit within 0.1 s
 
 
 class SimulatedCell:
@@ -18,7 +18,7 @@ class SimulatedCell:
     Parameters
     ----------
     machine : Machine
-        What is simulated.
+        The simulated machine.
     control : dict of str to RobustGains
         From `load_control`.
     seed, environment : int, str
@@ -39,7 +39,7 @@ class SimulatedCell:
         Raises
         ------
         IdentificationError
-            If its bounds are left or the machine stops with a fault; the machine has been braked to a standstill then.
+            If a bound of the experiment is exceeded or the machine has a fault; it is braked to a standstill first.
 
         """
         machine, plant, trajectory = self._machine, self._plant, experiment.trajectory

@@ -1,4 +1,4 @@
-"""Compile the servo loop once: no first tick waits for numba. Set-up runs `python -m pkm_core.simulation.warm_up`."""
+"""Compile the servo loop, for a first tick without compilation; set-up runs `python -m pkm_core.simulation.warm_up`."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from pkm_core.simulation.cycles import run_cycles
 
 
 def main():
-    """Run one cycle of every machine that has a motion of its own."""
+    """Run one cycle of every machine that has a motion."""
     for name in ('four_dof', 'planar'):
         machine = load_machine(name)
         trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))

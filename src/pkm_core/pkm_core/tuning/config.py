@@ -13,7 +13,7 @@ class Targets(Config):
 
     gain_margin: Annotated[Decibel, Field(gt=0)]
     phase_margin: Annotated[Angle, Field(gt=0)]
-    bandwidth: Annotated[Frequency, Field(gt=0)]  # CLBW
+    bandwidth: Annotated[Frequency, Field(gt=0, description='of the closed loop (CLBW)')]
 
 
 class LoopLimits(Config):
@@ -21,8 +21,8 @@ class LoopLimits(Config):
 
     gain_margin: Annotated[Decibel, Field(gt=0)]
     phase_margin: Annotated[Angle, Field(gt=0)]
-    peak_sensitivity: Annotated[Number, Field(gt=1)]
-    resonance_peak: Annotated[Number, Field(gt=0)]  # |L| at the modes
+    peak_sensitivity: Annotated[Number, Field(gt=1, description='largest |S|')]
+    resonance_peak: Annotated[Number, Field(gt=0, description='largest |L| at the modes')]
 
 
 class AllLimits(Config):
@@ -30,7 +30,7 @@ class AllLimits(Config):
 
     nominal: LoopLimits
     perturbed: LoopLimits
-    resonances_from: Annotated[Frequency, Field(gt=0)]
+    resonances_from: Annotated[Frequency, Field(gt=0, description='frequency from which |L| counts as a resonance')]
 
 
 def _range(kind):

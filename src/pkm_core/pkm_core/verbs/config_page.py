@@ -1,10 +1,7 @@
-"""Every key that a configuration file may hold, as Markdown from the models themselves: docs/parameters.md."""
+"""Tables of every key of the configuration files, from the JSON schemas of their models: docs/parameters.md."""
 
-import inspect
-import re
 from typing import get_args
 
-from pkm_core.config import Config
 from pkm_core.control.computed_torque import TorqueControlFile
 from pkm_core.control.model import ModelFile
 from pkm_core.control.robust import ControlFile
@@ -39,7 +36,7 @@ _TYPES = {'integer': 'whole number', 'string': 'text', 'boolean': 'true or false
 
 
 def config_page():
-    """Return the tables of `FILES`, a section each."""
+    """Return the tables of `FILES`, one section per model."""
     return '\n'.join(_section(title, model) for title, model in FILES.items())
 
 
@@ -51,57 +48,41 @@ def table(headings, rows):
 
 def _section(title, model):
     schema = model.model_json_schema()
-    classes = {}
-    _collect(model, classes)
-    rows = list(_rows(schema, schema.get('$defs', {}), classes, ''))
-    return f'### {title}\n\n{inspect.getdoc(model)}\n\n' + table(
-        ['key', 'unit or type', 'allowed', 'default', ''], rows
-    )
+    rows = list(_rows(schema, schema.get('$defs', {}), ''))
+    headings = ['key', 'unit or type', 'allowed', 'default', '']
+    return f'### {title}\n\n{schema["description"]}\n\n' + table(headings, rows)
 
 
-def _collect(annotation, classes):
-    """Fill `classes` {name: class} with the models that `annotation` is made of."""
-    if isinstance(annotation, type) and issubclass(annotation, Config) and annotation.__name__ not in classes:
-        classes[annotation.__name__] = annotation
-        for field in annotation.model_fields.values():
-            _collect(field.annotation, classes)
-    for part in get_args(annotation):
-        _collect(part, classes)
-
-
-def _rows(schema, models, classes, prefix):
-    """Yield (key, unit or type, allowed, default, meaning) of every key below `prefix`; equal ones share a row."""
-    model = classes.get(schema.get('title'))
-    comments = _comments(model)
-    # of a section, on its first row
-    about = ' '.join((inspect.getdoc(model) or '').split()) if model and prefix else ''
+def _rows(schema, models, prefix):
+    """Yield (key, unit or type, allowed, default, meaning) of each key below `prefix`; equal keys share a row."""
     together = {}
     for name, field in schema.get('properties', {}).items():
-        required = name in schema.get('required', ())
-        together.setdefault(_Hashable(field, required, comments.get(name, '')), []).append(name)
-    for (field, required, meaning), names in together.items():
+        together.setdefault(_Comparable(field, name in schema.get('required', ())), []).append(name)
+    for (field, required), names in together.items():
         key = prefix + (names[0] if len(names) == 1 else f'{{{", ".join(names)}}}')
         default = '' if required else 'absent' if field.get('default') is None else f'{field["default"]}'
-        yield from _field(key, field, models, classes, default, meaning or about)
-        about = ''
+        yield from _field(key, field, models, default)
 
 
-def _field(key, field, models, classes, default, meaning):
-    """Yield the rows of one key: itself, or those of the section, list or mapping it holds."""
+def _field(key, field, models, default):
+    """Yield the rows of one key and of the section, list or mapping it holds."""
     choices = [choice for choice in field.get('anyOf', ()) if choice.get('type') != 'null']
-    if choices:
-        field = {**field, **choices[0]}
+    field = {**field, **choices[0]} if choices else field
+    meaning = _meaning(field)
     if '$ref' in field:
-        optional = ' (section may be absent)' if choices else ''
-        for row in _rows(models[field['$ref'].rpartition('/')[2]], models, classes, f'{key}.'):
-            yield (*row[:-1], row[-1] + optional)
-            optional = ''
+        section = models[field['$ref'].rpartition('/')[2]]
+        yield f'`{key}`', 'section', '', default, meaning or _meaning(section)
+        yield from _rows(section, models, f'{key}.')
     elif field.get('type') == 'object' and isinstance(field.get('additionalProperties'), dict):
-        yield from _field(f'{key}.NAME', field['additionalProperties'], models, classes, default, meaning)
+        yield from _field(f'{key}.NAME', {'description': meaning, **field['additionalProperties']}, models, default)
     elif field.get('type') == 'array' and '$ref' in field.get('items', {}):
-        yield from _field(f'{key}[]', field['items'], models, classes, default, meaning)
+        yield from _field(f'{key}[]', {'description': meaning, **field['items']}, models, default)
     else:
         yield f'`{key}`', _kind(field), _allowed(field), default, meaning
+
+
+def _meaning(schema):
+    return ' '.join(schema.get('description', '').split())
 
 
 def _kind(field):
@@ -121,20 +102,11 @@ def _allowed(field):
     return ', '.join(f'{sign} {field[name]:g}' for name, sign in _BOUNDS.items() if name in field)
 
 
-def _comments(model):
-    """Return {field: the comment behind it} of a model and what it is derived from."""
-    found = {}
-    for each in reversed(model.__mro__ if model else ()):
-        if issubclass(each, Config) and each is not Config:
-            found |= dict(re.findall(r'(?m)^ {4,8}(\w+): .*?  # (.*?)(?:  # noqa.*)?$', inspect.getsource(each)))
-    return found
+class _Comparable(tuple):
+    """A field's schema and whether it is required; equal to one that differs only in its title."""
 
-
-class _Hashable(tuple):
-    """A field with what belongs to it, equal to one that differs in its title only."""
-
-    def __new__(cls, field, required, meaning):
-        return super().__new__(cls, (field, required, meaning))
+    def __new__(cls, field, required):
+        return super().__new__(cls, (field, required))
 
     def __hash__(self):
         return hash(repr(self._key()))
@@ -143,5 +115,5 @@ class _Hashable(tuple):
         return self._key() == other._key()
 
     def _key(self):
-        field, required, meaning = self
-        return {name: value for name, value in field.items() if name != 'title'}, required, meaning
+        field, required = self
+        return {name: value for name, value in field.items() if name != 'title'}, required
