@@ -24,10 +24,10 @@ from pkm_core.recording.topics import By, recorded_topics
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.messages.conversions import time_of_tick
 from pkm_nodes.messages.diagnostics import FAILURE, STATE, TICK, diagnostics
+from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.graph_parameters import GraphParameters
 from pkm_nodes.parts.loaded_config import CONFIG_HASH
-from pkm_nodes.ros2.shared import find_interface
 from pkm_nodes.runtime.lockstep import PatientGroup
 from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, listen_in, run
 
