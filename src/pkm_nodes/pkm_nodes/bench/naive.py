@@ -1,4 +1,4 @@
-"""Start a node of the cell in rclpy's own executor: `python -m pkm_nodes.bench.naive machine --ros-args ...`."""
+"""Run a node of the cell in rclpy's own executor: `python -m pkm_nodes.bench.naive machine --ros-args ...`."""
 
 import sys
 from importlib import import_module
@@ -10,7 +10,7 @@ from pkm_nodes.runtime.node import run
 
 
 def spin(nodes):
-    """Serve `nodes` as `rclpy.spin` does."""
+    """Serve `nodes` in the way of `rclpy.spin`."""
     executor = SingleThreadedExecutor(context=rclpy.get_default_context())
     for node in nodes:
         executor.add_node(node)
