@@ -1,4 +1,4 @@
-"""Every key that a configuration file may hold, as Markdown from the models themselves: docs/parameters.md."""
+"""All keys of the configuration files as Markdown tables, generated from the models: for docs/parameters.md."""
 
 import inspect
 import re
@@ -39,7 +39,7 @@ _TYPES = {'integer': 'whole number', 'string': 'text', 'boolean': 'true or false
 
 
 def config_page():
-    """Return the tables of `FILES`, a section each."""
+    """Return one section with a table per entry of `FILES`."""
     return '\n'.join(_section(title, model) for title, model in FILES.items())
 
 
@@ -60,7 +60,7 @@ def _section(title, model):
 
 
 def _collect(annotation, classes):
-    """Fill `classes` {name: class} with the models that `annotation` is made of."""
+    """Add the models that `annotation` contains to `classes`, {name: class}."""
     if isinstance(annotation, type) and issubclass(annotation, Config) and annotation.__name__ not in classes:
         classes[annotation.__name__] = annotation
         for field in annotation.model_fields.values():
@@ -70,10 +70,10 @@ def _collect(annotation, classes):
 
 
 def _rows(schema, models, classes, prefix):
-    """Yield (key, unit or type, allowed, default, meaning) of every key below `prefix`; equal ones share a row."""
+    """Yield (key, unit or type, allowed, default, meaning) per key below `prefix`; equal keys share a row."""
     model = classes.get(schema.get('title'))
     comments = _comments(model)
-    # of a section, on its first row
+    # the docstring of a section is on its first row
     about = ' '.join((inspect.getdoc(model) or '').split()) if model and prefix else ''
     together = {}
     for name, field in schema.get('properties', {}).items():
@@ -87,7 +87,7 @@ def _rows(schema, models, classes, prefix):
 
 
 def _field(key, field, models, classes, default, meaning):
-    """Yield the rows of one key: itself, or those of the section, list or mapping it holds."""
+    """Yield the rows of one key: its own, or those of its section, list or mapping."""
     choices = [choice for choice in field.get('anyOf', ()) if choice.get('type') != 'null']
     if choices:
         field = {**field, **choices[0]}
@@ -122,7 +122,7 @@ def _allowed(field):
 
 
 def _comments(model):
-    """Return {field: the comment behind it} of a model and what it is derived from."""
+    """Return {field: comment on its line} of a model and its base classes."""
     found = {}
     for each in reversed(model.__mro__ if model else ()):
         if issubclass(each, Config) and each is not Config:
@@ -131,7 +131,7 @@ def _comments(model):
 
 
 class _Hashable(tuple):
-    """A field with what belongs to it, equal to one that differs in its title only."""
+    """A field, whether it is required, and its meaning; equal to one that differs only in the title."""
 
     def __new__(cls, field, required, meaning):
         return super().__new__(cls, (field, required, meaning))
