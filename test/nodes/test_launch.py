@@ -100,5 +100,5 @@ def test_namespace_that_cannot_be_is_refused(launch):
 
 @pytest.mark.parametrize('seed', ['x', '-1', '1.5', ''])
 def test_seed_that_is_no_whole_number_is_refused(launch, seed):
-    with pytest.raises(PkmError, match=re.escape(f"seed '{seed}' given; expected a whole number from 0")):
+    with pytest.raises(PkmError, match=re.escape(f"seed: '{seed}' given; expected an integer, 0 or more")):
         launch(seed=seed)

@@ -277,9 +277,12 @@ def test_bags_are_read_by_rosbags_and_by_mcap_without_this_project(runs):
     [
         (['--machine', 'hexapod'], "machines: 'hexapod' is unknown"),
         (['--motion', 'planar_80ms'], 'planar'),
-        (['--control', 'soft'], "control 'soft' is none of ['robust', 'computed_torque']"),
-        (['--control', 'computed_torque', '--law', 'basis'], "'basis' given; --control computed_torque learns nothing"),
-        (['--law', 'none', '--save-learned', 'x.npz'], '--save-learned: --law none learns nothing'),
+        (['--controller', 'soft'], "control 'soft' is none of ['robust', 'computed_torque']"),
+        (
+            ['--controller', 'computed_torque', '--law', 'basis'],
+            "'basis' given; --controller computed_torque does not learn",
+        ),
+        (['--law', 'none', '--save-learned', 'x.npz'], '--save-learned: given with --law none, which learns nothing'),
         (['--law', 'magic'], "'magic' is unknown; known: ['none', 'basis'"),
         (['--environment', 'moon'], 'moon'),
         (['--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),
