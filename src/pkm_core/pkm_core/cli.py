@@ -30,9 +30,9 @@ def main():
     verbs = {entry.name: entry for entry in sorted(entry_points(group='pkm.verbs'), key=lambda entry: entry.name)}
     # only the called verb is imported: some take seconds
     called = [verbs[sys.argv[1]]] if sys.argv[1:2] and sys.argv[1] in verbs else verbs.values()
-    for entry in called:
-        app.command(entry.name)(entry.load())
     try:
+        for entry in called:
+            app.command(entry.name)(entry.load())
         app()
     except PkmError as error:
         print(f'pkm: {error}', file=sys.stderr)

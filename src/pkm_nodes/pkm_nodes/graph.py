@@ -11,7 +11,6 @@ from pkm_core.machines import load_machine
 # default namespace of a cell
 NAMESPACE = '/pkm'
 # descriptions of parameters that several nodes and the launch file have
-MACHINE = 'machine of config/machines, or a YAML file'
 ENVIRONMENTS = 'level of imperfections: ideal, nominal, hard, elastic (four_dof) or another section of config/truth'
 WITHOUT = 'comma-separated names of nodes that are not started, because other nodes replace them'
 

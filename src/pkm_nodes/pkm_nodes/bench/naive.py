@@ -6,8 +6,6 @@ from importlib import import_module
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from pkm_nodes.runtime.node import run
-
 
 def spin(nodes):
     """Serve `nodes` in the way of `rclpy.spin`."""
@@ -19,4 +17,4 @@ def spin(nodes):
 
 if __name__ == '__main__':
     name = sys.argv.pop(1)
-    sys.exit(run(import_module(f'pkm_nodes.nodes.{name}').make_nodes, spin=spin))
+    import_module(f'pkm_nodes.nodes.{name}').main(spin=spin)

@@ -4,21 +4,19 @@ Node `computed_torque_controller`: all axes; answers every encoder tick with one
 One node for all joints, because M(q) couples them. The law is `ComputedTorque` of pkm_core; it does not learn.
 """
 
-import sys
 from functools import partial
 
 import numpy as np
 
 from pkm_core.control.controllers import make_controller
 from pkm_core.errors import PkmError
-from pkm_core.recording.provenance import loop_hash
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.messages.conversions import is_identification
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.loaded_config import LoadedConfig
-from pkm_nodes.runtime.node import PkmNode, run
+from pkm_nodes.runtime.node import PkmNode, entry_point
 
 
 class ComputedTorqueControllerNode(PkmNode):
@@ -28,7 +26,7 @@ class ComputedTorqueControllerNode(PkmNode):
         super().__init__('computed_torque_controller', **kwargs)
         machine, chosen, control = choose_gains(self, 'computed_torque')
         self.check_settings()
-        self._config = LoadedConfig(self, loop_hash(self.get_parameter('machine').value, chosen))
+        self._config = LoadedConfig(self, machine, chosen)
         joints = machine.joints
         self._controller = make_controller(machine, control)
         self._tick = -1
@@ -83,11 +81,4 @@ def _check(message):
         raise PkmError(f'{len(message.feedforward)} values of feedforward: computed torque takes none')
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [ComputedTorqueControllerNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(ComputedTorqueControllerNode)

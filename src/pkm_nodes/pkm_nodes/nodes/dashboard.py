@@ -29,10 +29,11 @@ from std_srvs.srv import Trigger
 
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
+from pkm_core.servo.cycle_run import CycleState
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleMetrics, PlatformPose, SampledTrajectory
 from pkm_nodes.graph import cell_nodes, controller_nodes
-from pkm_nodes.messages.diagnostics import FAULT, FAULTED, HELD, RUNNING, STATE, TICK, values_of
+from pkm_nodes.messages.diagnostics import FAULT, STATE, TICK, values_of
 from pkm_nodes.page.cell import Cell, NodeLine, Notice, Status, home_pose
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, RCLError
@@ -162,11 +163,11 @@ class DashboardNode(PkmNode):
             self.cell.ticks_per_second = (tick - self._ticks[1]) / (now - self._ticks[0])
         self._heard, self._ticks = now, (now, tick)
         state = values.get(STATE, '')
-        if state == FAULTED or status.level == DiagnosticStatus.ERROR:
+        if state == CycleState.FAULTED.value or status.level == DiagnosticStatus.ERROR:
             # a machine that is not of this project may have no keys
             self.cell.status, self.cell.reason = Status.FAULT, values.get(FAULT, status.message)
         else:
-            running = state in (RUNNING, HELD)
+            running = state in (CycleState.RUNNING.value, CycleState.HELD.value)
             self.cell.status, self.cell.reason = Status.RUNNING if running else Status.STANDING, ''
 
     # nodes of the cell

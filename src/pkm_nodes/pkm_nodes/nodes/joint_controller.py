@@ -7,8 +7,6 @@ too small. In a cycle of identification an excitation is added to the voltage; a
 command, and a stop is requested.
 """
 
-import sys
-
 import numpy as np
 
 from pkm_core.control.controllers import choose_control
@@ -17,7 +15,6 @@ from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.identification import IdentificationError
-from pkm_core.recording.provenance import loop_hash
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.messages.conversions import learns
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
@@ -27,7 +24,7 @@ from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_g
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.gain_parameters import GainParameters
 from pkm_nodes.parts.loaded_config import LoadedConfig
-from pkm_nodes.runtime.node import PkmNode, run
+from pkm_nodes.runtime.node import PkmNode, entry_point
 
 
 class JointControllerNode(PkmNode):
@@ -48,7 +45,7 @@ class JointControllerNode(PkmNode):
         }
         self._gains = GainParameters(self, self._control[joint], self._check_gains, self._exchange)
         self.check_settings()
-        self._config = LoadedConfig(self, self._loop_hash())
+        self._config = LoadedConfig(self, machine, self._chosen)
         self._controller = RobustController(self._gains.gains, self._model, machine.sample_time, machine.voltage_limit)
         self._feedforward = np.zeros(0)
         self._errors = np.zeros(0)  # [m] of the loaded cycle, one per sample
@@ -69,9 +66,6 @@ class JointControllerNode(PkmNode):
         self.offer(f'{joint}/reload', self._reload)
         self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, raw=True)
 
-    def _loop_hash(self):
-        return loop_hash(self.get_parameter('machine').value, self._chosen)
-
     def _check_gains(self, gains):
         require_margins(self.get_fully_qualified_name(), gains, self._model, self._machine.sample_time, **self._least)
 
@@ -85,7 +79,7 @@ class JointControllerNode(PkmNode):
         try:
             if self._cycle.running:
                 raise PkmError(f'{joint}: cycle {self._cycle.active} is running; reload when it has ended')
-            loaded = self._loop_hash()
+            loaded = self._config.now()
             self._model = load_model(self._machine)[joint]
             control = choose_control(self._machine, self._chosen)
             if self._gains.gains == control[joint]:  # the model may have changed
@@ -156,11 +150,4 @@ class JointControllerNode(PkmNode):
             self._cycles.finish()
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [JointControllerNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(JointControllerNode)

@@ -11,7 +11,6 @@ The node converts messages and performs actions. `TickBarrier` decides which ans
 a cycle.
 """
 
-import sys
 from time import monotonic
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -41,22 +40,12 @@ from pkm_core.servo.tick_barrier import TickBarrier
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.messages.conversions import time_of_tick
-from pkm_nodes.messages.diagnostics import (
-    CYCLE,
-    FAULT,
-    FAULTED,
-    HELD,
-    RUNNING,
-    STANDING,
-    STATE,
-    TICK,
-    diagnostics,
-)
+from pkm_nodes.messages.diagnostics import CYCLE, FAULT, STATE, TICK, diagnostics
 from pkm_nodes.messages.tick_messages import MOTOR_COMMAND
 from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
-from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, run
+from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] /clock is published at 100 Hz of simulated time: ROS tools need no more, and every node receives it
 CLOCK_EVERY = 20
@@ -66,8 +55,6 @@ LASER_EVERY = 20
 BRAKE_TICKS = 400
 
 unpack_command = MOTOR_COMMAND.unpack  # looked up once, not per command
-# value of the diagnostics key `state` by state of the run
-_STATES = {CycleState.RUNNING: RUNNING, CycleState.HELD: HELD, CycleState.FAULTED: FAULTED}
 
 
 class MachineNode(PkmNode):
@@ -75,7 +62,7 @@ class MachineNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('machine', **kwargs)
-        machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        machine = load_machine(self.machine_setting())
         seed = self.setting('seed', 1, 'seed of everything random in the machine')
         environment = self.setting('environment', 'nominal', ENVIRONMENTS)
         answer_timeout = self.setting('answer_timeout', 5.0, '[s, wall] wait for the answers of a tick')
@@ -229,15 +216,17 @@ class MachineNode(PkmNode):
         return response
 
     def _publish_diagnostics(self):
-        run, tick = self._run, self._barrier.tick
+        fault, tick = self._run.fault, self._barrier.tick
         stale = zip(self._joints, self._barrier.stale, strict=True)
         message = diagnostics(
             self,
-            DiagnosticStatus.ERROR if run.fault else DiagnosticStatus.OK,
-            f'fault: {run.fault}' if run.fault else 'cycle running' if run.is_running else 'standing',
+            DiagnosticStatus.ERROR if fault else DiagnosticStatus.OK,
+            f'fault: {fault}' if fault else 'cycle running' if self._run.is_running else 'standing',
             {
-                STATE: _STATES.get(run.state, STANDING),  # the phases of loading are those of the controllers
-                **{CYCLE: run.cycle, TICK: tick, FAULT: run.fault},
+                STATE: self._run.state.value,
+                CYCLE: self._run.cycle,
+                TICK: tick,
+                FAULT: fault,
                 **{f'stale commands {joint}': count for joint, count in stale},
             },
             time_of_tick(tick, self._sample_time),
@@ -245,12 +234,4 @@ class MachineNode(PkmNode):
         self._diagnostics.publish(message)
 
 
-def make_nodes():
-    """Return the machine, its motors and the laser: one process, because they share one mechanism."""
-    machine = MachineNode()
-    return [machine, *machine.parts]
-
-
-def main(args=None):
-    """Run the machine as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(MachineNode)

@@ -7,7 +7,6 @@ for it neither starts too early nor runs out of its queue. What has become of a 
 NOT_RECORDED event.
 """
 
-import sys
 from shutil import disk_usage
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -18,7 +17,7 @@ from std_msgs.msg import UInt64
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_core.recording.folder_lock import FolderLock
-from pkm_core.recording.provenance import config_hash, git_revision, loop_hash
+from pkm_core.recording.provenance import config_hash, git_revision, loop_hash, machine_hash
 from pkm_core.recording.recording import Recording
 from pkm_core.recording.topics import By, recorded_topics
 from pkm_interfaces.msg import CycleEvent
@@ -29,7 +28,7 @@ from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.graph_parameters import GraphParameters
 from pkm_nodes.parts.loaded_config import CONFIG_HASH
 from pkm_nodes.runtime.lockstep import PatientGroup
-from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, listen_in, run
+from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point, listen_in
 
 # those of the servo tick, and the states that come with them: deep queues
 _WITH_TICKS = (By.TICK, By.STAMP, By.TIME)
@@ -51,15 +50,16 @@ class RecorderNode(PkmNode):
 
     def __init__(self, neighbours=(), **kwargs):
         super().__init__('recorder', **kwargs)
-        machine = self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
-        control = self.setting('control', 'robust', 'choice of the controllers, for the hash in the metadata')
+        machine = self.machine_setting()
+        control = self.control_setting()
         folder = self.setting('folder', 'bags', 'folder that takes one bag a cycle')
         preroll = self.setting('preroll', 1.0, '[s] of simulated time that a snapshot reaches back')
         self.check_settings()
         if preroll > _LONGEST_PREROLL:
             raise ConfigError(f'recorder: preroll is {preroll} s; expected at most {_LONGEST_PREROLL:.0f} s')
         self._machine, model = machine, load_machine(machine)
-        self._loop_at_start = loop_hash(machine, control)
+        self._configuration = model.configuration
+        self._loop_at_start = loop_hash(model, control, machine_hash(machine, model.configuration))
         self._sample_time = model.sample_time
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(model.joints)}
         self._parameters_of_cell = GraphParameters(self)
@@ -108,7 +108,7 @@ class RecorderNode(PkmNode):
         return {
             'machine': self._machine,
             'git_revision': git_revision(),
-            'config_hash': config_hash(loops, motion, law),
+            'config_hash': config_hash(loops, motion, law, self._configuration),
             'parameters': self._parameters_of_cell.as_json(),
         }
 
@@ -193,11 +193,4 @@ class RecorderNode(PkmNode):
         super().destroy_node()
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [RecorderNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(RecorderNode)

@@ -3,6 +3,8 @@
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
+from pkm_core.recording.provenance import loop_hash, machine_hash
+
 CONFIG_HASH = 'config_hash'
 _DESCRIPTION = 'hash of the files of machine, model and gains that are in use; set by the node itself'
 
@@ -17,19 +19,28 @@ class LoadedConfig:
     Parameters
     ----------
     node : PkmNode
-    loaded : str
-        `loop_hash` of what the node has loaded.
+        Has the parameter `machine`.
+    machine : Machine
+        As loaded at the start of the node.
+    control : str
+        Choice of the gains.
 
     """
 
-    def __init__(self, node, loaded):
-        self._node, self._loaded = node, loaded
+    def __init__(self, node, machine, control):
+        self._node, self._machine, self._control = node, machine, control
+        self._machine_hash = machine_hash(node.get_parameter('machine').value, machine.configuration)
+        self._loaded = self.now()
         descriptor = ParameterDescriptor(description=_DESCRIPTION)
-        node.declare_parameter(CONFIG_HASH, loaded, descriptor, ignore_override=True)
+        node.declare_parameter(CONFIG_HASH, self._loaded, descriptor, ignore_override=True)
         node.add_on_set_parameters_callback(self._on_set)
 
+    def now(self):
+        """Return the `loop_hash` of the files as they are now."""
+        return loop_hash(self._machine, self._control, self._machine_hash)
+
     def replace(self, loaded):
-        """Announce that the node has loaded other files, with this `loop_hash`."""
+        """Announce that the node has loaded the files with this `loop_hash`."""
         self._loaded = loaded
         self._node.set_parameters([Parameter(CONFIG_HASH, value=loaded)])
 
