@@ -94,7 +94,7 @@ def test_node_that_no_cell_has_cannot_be_left_out(launch):
 
 
 def test_namespace_that_cannot_be_is_refused(launch):
-    with pytest.raises(PkmError, match="namespace 'a b' given"):
+    with pytest.raises(PkmError, match="namespace: 'a b' given"):
         launch(namespace='a b')
 
 
