@@ -65,6 +65,7 @@ def serve(namespace, machine, control):
     from pkm_core.motion.planning import default_motion
     from pkm_nodes.bench.cells import TimedClient
     from pkm_nodes.clients.cell_processes import CellProcesses
+from pkm_nodes.runtime.discovery import discover_on_this_computer
 
     motion, options = default_motion(load_machine(machine)), {'seed': 1, 'environment': 'nominal', 'control': control}
     with (
@@ -181,7 +182,7 @@ def main():
     parser.add_argument('--figure', type=Path)
     parser.add_argument('--json', type=Path)
     arguments = parser.parse_args()
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    discover_on_this_computer()
     with tempfile.TemporaryDirectory() as folder, discovery_server():
         cells = measure(MACHINE, 'robust', CELLS, arguments.turns, arguments.cycles)
         rates = {rate: measure(*at(rate, folder), [1], arguments.turns, arguments.cycles)[1] for rate in RATES}

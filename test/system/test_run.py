@@ -70,20 +70,20 @@ def test_graph_gives_the_bits_of_the_simulation_without_ros(runs, simulated, arr
 @pytest.mark.parametrize(
     ('machine', 'options', 'arrangement', 'cycles'),
     [
-        ('planar', {'control': 'planar_thesis', 'law': 'fourier'}, 'composed', 3),
+        ('planar', {'controller': 'planar_thesis', 'law': 'fourier'}, 'composed', 3),
         ('xy_stage', {'law': 'inverse'}, 'composed', 3),
         ('planar', {'law': 'norm_optimal', 'motion': 'planar_limits'}, 'processes', 3),
         ('four_dof', {'law': 'basis'}, 'composed', 3),
-        ('planar', {'control': 'computed_torque'}, 'composed', 3),
+        ('planar', {'controller': 'computed_torque'}, 'composed', 3),
         # without pauses for learning the recorder has to keep apart cycles that follow each other at once
-        ('four_dof', {'control': 'computed_torque'}, 'processes', 4),
+        ('four_dof', {'controller': 'computed_torque'}, 'processes', 4),
         ('xy_stage', {'law': 'none'}, 'composed', 30),
     ],
 )
 def test_every_law_and_control_gives_the_bits_of_the_simulation(
     processes, tmp_path, machine, options, arrangement, cycles
 ):
-    options = {'control': 'robust', 'law': 'none'} | options
+    options = {'controller': 'robust', 'law': 'none'} | options
     words = [word for name, value in options.items() for word in (f'--{name}', value)]
     done = processes.run(
         *(PKM, 'run', '--machine', machine, '--cycles', cycles, '--seed', 3, '--arrangement', arrangement),

@@ -31,13 +31,13 @@ def test_nodes_started_by_the_commands_it_prints_complete_the_cell_to_the_same_b
     options = ('--cycles', 2, '--law', 'fourier', '--seed', 5, '--arrangement', arrangement)
     run = processes.start(PKM, 'run', *options, *words, '--out', tmp_path / 'out', log='run')
     said, deadline = processes.folder / 'run', monotonic() + 60.0
-    while said.read_text().count('start yours, or ours: ') < len(LEFT_OUT):
+    while said.read_text().count('start one, or the original: ') < len(LEFT_OUT):
         assert run.poll() is None, said.read_text()
         assert monotonic() < deadline, said.read_text()
         sleep(0.1)
     assert 'joint_controller_d3: no replacement offers /pkm/d3/command; start one' in said.read_text()
-    for number, line in enumerate(line for line in said.read_text().splitlines() if 'start yours' in line):
-        command = line.partition('or ours: ros2 ')[2]
+    for number, line in enumerate(line for line in said.read_text().splitlines() if 'start one' in line):
+        command = line.partition('or the original: ros2 ')[2]
         processes.start('bash', '-c', f'exec {ROS2} {command}', log=f'other_{number}')
     assert run.wait(timeout=200) == 0, said.read_text()
     assert ' 0 lost' in said.read_text()
