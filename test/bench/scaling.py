@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pkm_core.config import Configuration
+from pkm_nodes.runtime.discovery import discover_on_this_computer
 
 CELLS = (1, 2, 4, 8, 16)
 RATES = (1, 2, 4, 8)  # kHz
@@ -181,7 +182,7 @@ def main():
     parser.add_argument('--figure', type=Path)
     parser.add_argument('--json', type=Path)
     arguments = parser.parse_args()
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    discover_on_this_computer()
     with tempfile.TemporaryDirectory() as folder, discovery_server():
         cells = measure(MACHINE, 'robust', CELLS, arguments.turns, arguments.cycles)
         rates = {rate: measure(*at(rate, folder), [1], arguments.turns, arguments.cycles)[1] for rate in RATES}

@@ -12,12 +12,12 @@ from rclpy.parameter import Parameter
 
 from pkm_nodes.graph import cell_nodes
 from pkm_nodes.messages.diagnostics import values_of
+from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.nodes.cell import NODES
 from pkm_nodes.nodes.dashboard import DashboardNode
 from pkm_nodes.nodes.joint_controller import JointControllerNode
 from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.recorder import RecorderNode
-from pkm_nodes.ros2.shared import find_interface
 
 ROOT = Path(__file__).parents[2]
 LAYOUTS = ROOT / 'src' / 'pkm_nodes' / 'layouts'

@@ -94,11 +94,11 @@ def test_node_that_no_cell_has_cannot_be_left_out(launch):
 
 
 def test_namespace_that_cannot_be_is_refused(launch):
-    with pytest.raises(PkmError, match="namespace 'a b' given"):
+    with pytest.raises(PkmError, match="namespace: 'a b' given"):
         launch(namespace='a b')
 
 
 @pytest.mark.parametrize('seed', ['x', '-1', '1.5', ''])
 def test_seed_that_is_no_whole_number_is_refused(launch, seed):
-    with pytest.raises(PkmError, match=re.escape(f"seed '{seed}' given; expected a whole number from 0")):
+    with pytest.raises(PkmError, match=re.escape(f"seed: '{seed}' given; expected an integer, 0 or more")):
         launch(seed=seed)

@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.bag.message_types import typestore
 from pkm_core.bag.reader import read_metadata
-from pkm_core.errors import BagError, ConfigError
+from pkm_core.errors import BagError, ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.machines.laser_clock import sample_numbers
 from pkm_core.recording import recording
@@ -469,7 +469,7 @@ def test_second_recorder_on_the_folder_is_refused(graph, tmp_path):
 def test_folder_that_cannot_be_written_is_refused(graph, tmp_path):
     (tmp_path / 'file').touch()
     folder = tmp_path / 'file' / 'bags'
-    with pytest.raises(BagError, match=f'{folder}: cannot be written: Not a directory'):
+    with pytest.raises(PkmError, match=f'{folder}: cannot be written: Not a directory'):
         graph.start(RecorderNode, folder=str(folder))
 
 

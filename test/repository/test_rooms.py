@@ -40,7 +40,7 @@ NODES = {
     'nodes': 'parts page graph runtime messages',
     'clients': 'parts graph runtime messages',
     'bench': 'clients graph runtime messages',
-    'ros2': 'messages',
+    'ros2': 'runtime messages',
     'verbs': 'graph runtime messages parts page nodes clients bench ros2',
 }
 # the truth of the simulated machine: who may read it

@@ -126,7 +126,7 @@ def test_second_repair_and_repair_of_a_whole_bag_change_nothing(killed, repaired
     assert again.stderr == f'pkm: {repaired[0].path}: exists; nothing is overwritten\n'
     whole = processes.run(PKM, 'bag-doctor', repaired[0].path)
     assert whole.returncode == 0
-    assert 'is whole; nothing to repair' in whole.stdout
+    assert 'is complete; nothing to repair' in whole.stdout
 
 
 @pytest.mark.parametrize('content', ['nothing', 'text'])

@@ -134,7 +134,7 @@ def test_bag_is_not_played_into_a_running_cell(bag, processes, ear):
     ear.wait_for_publisher('/pkm/d1/encoder')
     done = processes.run(PKM, 'bag-play', bag)
     assert done.returncode == 1
-    assert 'a cell is running; stop it or take another ROS_DOMAIN_ID' in done.stderr
+    assert 'a cell is running; stop it or set another ROS_DOMAIN_ID' in done.stderr
     assert done.stderr.count('\n') == 1
 
 

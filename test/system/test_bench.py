@@ -50,4 +50,4 @@ def test_every_target_is_in_the_account_and_says_whether_it_was_measured(bench):
 def test_unknown_subject_is_refused(processes):
     done = processes.run(PKM, 'bench', '--only', 'rocket')
     assert done.returncode == 1
-    assert "--only: ['rocket'] given; known: floor," in done.stderr
+    assert "--only: ['rocket'] given; allowed: floor," in done.stderr

@@ -70,20 +70,20 @@ def test_graph_gives_the_bits_of_the_simulation_without_ros(runs, simulated, arr
 @pytest.mark.parametrize(
     ('machine', 'options', 'arrangement', 'cycles'),
     [
-        ('planar', {'control': 'planar_thesis', 'law': 'fourier'}, 'composed', 3),
+        ('planar', {'controller': 'planar_thesis', 'law': 'fourier'}, 'composed', 3),
         ('xy_stage', {'law': 'inverse'}, 'composed', 3),
         ('planar', {'law': 'norm_optimal', 'motion': 'planar_limits'}, 'processes', 3),
         ('four_dof', {'law': 'basis'}, 'composed', 3),
-        ('planar', {'control': 'computed_torque'}, 'composed', 3),
+        ('planar', {'controller': 'computed_torque'}, 'composed', 3),
         # without pauses for learning the recorder has to keep apart cycles that follow each other at once
-        ('four_dof', {'control': 'computed_torque'}, 'processes', 4),
+        ('four_dof', {'controller': 'computed_torque'}, 'processes', 4),
         ('xy_stage', {'law': 'none'}, 'composed', 30),
     ],
 )
 def test_every_law_and_control_gives_the_bits_of_the_simulation(
     processes, tmp_path, machine, options, arrangement, cycles
 ):
-    options = {'control': 'robust', 'law': 'none'} | options
+    options = {'controller': 'robust', 'law': 'none'} | options
     words = [word for name, value in options.items() for word in (f'--{name}', value)]
     done = processes.run(
         *(PKM, 'run', '--machine', machine, '--cycles', cycles, '--seed', 3, '--arrangement', arrangement),
@@ -277,9 +277,12 @@ def test_bags_are_read_by_rosbags_and_by_mcap_without_this_project(runs):
     [
         (['--machine', 'hexapod'], "machines: 'hexapod' is unknown"),
         (['--motion', 'planar_80ms'], 'planar'),
-        (['--control', 'soft'], "control: 'soft' given; allowed: ['robust', 'computed_torque']"),
-        (['--control', 'computed_torque', '--law', 'basis'], "'basis' given; --control computed_torque learns nothing"),
-        (['--law', 'none', '--save-learned', 'x.npz'], '--save-learned: --law none learns nothing'),
+        (['--controller', 'soft'], "control: 'soft' given; allowed: ['robust', 'computed_torque']"),
+        (
+            ['--controller', 'computed_torque', '--law', 'basis'],
+            "'basis' given; --controller computed_torque does not learn",
+        ),
+        (['--law', 'none', '--save-learned', 'x.npz'], '--save-learned: given with --law none, which learns nothing'),
         (['--law', 'magic'], "'magic' is unknown; known: ['none', 'basis'"),
         (['--environment', 'moon'], 'moon'),
         (['--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),

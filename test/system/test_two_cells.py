@@ -96,4 +96,4 @@ def test_each_cell_has_a_time_of_its_own(runs):
 def test_namespace_that_cannot_be_is_refused(module_processes):
     done = module_processes.run(PKM, 'run', '--namespace', '2nd cell')
     assert done.returncode == 1
-    assert done.stderr.startswith("pkm: namespace '2nd cell' given; expected letters")
+    assert done.stderr.startswith("pkm: namespace: '2nd cell' given; expected names of letters")

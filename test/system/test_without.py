@@ -31,13 +31,13 @@ def test_nodes_started_by_the_commands_it_prints_complete_the_cell_to_the_same_b
     options = ('--cycles', 2, '--law', 'fourier', '--seed', 5, '--arrangement', arrangement)
     run = processes.start(PKM, 'run', *options, *words, '--out', tmp_path / 'out', log='run')
     said, deadline = processes.folder / 'run', monotonic() + 60.0
-    while said.read_text().count('start yours, or ours: ') < len(LEFT_OUT):
+    while said.read_text().count('start one, or the original: ') < len(LEFT_OUT):
         assert run.poll() is None, said.read_text()
         assert monotonic() < deadline, said.read_text()
         sleep(0.1)
-    assert 'nobody offers /pkm/d3/command in the place of joint_controller_d3' in said.read_text()
-    for number, line in enumerate(line for line in said.read_text().splitlines() if 'start yours' in line):
-        command = line.partition('or ours: ros2 ')[2]
+    assert 'joint_controller_d3: no replacement offers /pkm/d3/command; start one' in said.read_text()
+    for number, line in enumerate(line for line in said.read_text().splitlines() if 'start one' in line):
+        command = line.partition('or the original: ros2 ')[2]
         processes.start('bash', '-c', f'exec {ROS2} {command}', log=f'other_{number}')
     assert run.wait(timeout=200) == 0, said.read_text()
     assert ' 0 lost' in said.read_text()
@@ -60,7 +60,7 @@ def test_cell_in_which_nobody_takes_the_place_is_refused_with_who_is_missing(tmp
     with (
         CellProcesses('four_dof', 'composed', **options) as cell,
         CellClient() as client,
-        pytest.raises(PkmError, match=r'nobody offers /pkm/d7/command .*\nnobody came within 0 s'),
+        pytest.raises(PkmError, match=r'no replacement offers /pkm/d7/command.*\nno replacement within 0 s'),
     ):
         client.wait_for_others(cell, said.append)
     assert said[0].endswith('-p machine:=four_dof -p control:=robust -p joint:=d7')
@@ -70,7 +70,7 @@ def test_node_that_no_cell_has_is_refused_with_those_it_has(processes):
     done = processes.run(PKM, 'run', '--without', 'linear_motor_d3')
     assert done.returncode == 1
     assert "without: no node of this cell is called ['linear_motor_d3']; known: ['machine', " in done.stderr
-    assert 'linear motors and laser come and go with machine' in done.stderr
+    assert 'linear motors and laser run in the process of machine' in done.stderr
     assert 'Traceback' not in done.stderr
     done = processes.run(ROS2, 'run', 'pkm_nodes', 'cell', '--ros-args', '-p', 'without:=nobody,machine')
     assert done.returncode == 1

@@ -1,7 +1,7 @@
 """
-The command `pkm`: one verb a tool.
+The command `pkm`: one verb per tool.
 
-Verbs of the core are added here; packages above it add theirs through the entry-point group `pkm.verbs`.
+All verbs come from the entry-point group `pkm.verbs`, those of this package and of packages above it.
 """
 
 import sys
@@ -13,7 +13,7 @@ import typer
 from pkm_core.errors import PkmError
 
 app = typer.Typer(
-    help='Tools of the parallel-manipulator cell. Every verb that yields figures takes --json FILE.',
+    help='Tools of the parallel-manipulator cell. Verbs that compute figures write them with --json FILE.',
     no_args_is_help=True,
     rich_markup_mode='markdown',
     context_settings={'help_option_names': ['-h', '--help']},
@@ -33,17 +33,17 @@ def _pkm(
         bool, typer.Option('--version', is_eager=True, callback=_print_version, help='Print the version and exit.')
     ] = False,
 ):
-    """Keep `pkm VERB` the form even while there is only one verb."""
+    """Keep the form `pkm VERB` when only one verb is loaded."""
 
 
 def main():
-    """Run the command line; a refusal is one line on stderr and code 1."""
+    """Run the command line; a refusal prints one line on stderr and exits with code 1."""
     verbs = {entry.name: entry for entry in sorted(entry_points(group='pkm.verbs'), key=lambda entry: entry.name)}
-    # only the verb that is called is imported, for some take seconds
+    # only the called verb is imported: some take seconds
     called = [verbs[sys.argv[1]]] if sys.argv[1:2] and sys.argv[1] in verbs else verbs.values()
-    for entry in called:
-        app.command(entry.name)(entry.load())
     try:
+        for entry in called:
+            app.command(entry.name)(entry.load())
         app()
     except PkmError as error:
         print(f'pkm: {error}', file=sys.stderr)

@@ -1,7 +1,7 @@
 """
 `ros2 launch pkm_nodes cell.launch.py machine:=four_dof arrangement:=processes namespace:=pkm`.
 
-The nodes are those of pkm_nodes.graph, as everywhere.
+The nodes are those of pkm_nodes.graph.
 """
 
 from launch import LaunchDescription
@@ -19,24 +19,21 @@ from pkm_nodes.graph import (
     namespace_of,
     whole_number,
 )
+from pkm_nodes.runtime.node import CONTROL, MACHINE
 
 ARGUMENTS = [
-    DeclareLaunchArgument(
-        'machine', default_value='four_dof', description='machine of config/machines, or a YAML file'
-    ),
-    DeclareLaunchArgument(
-        'control', default_value='robust', description="'robust', 'computed_torque', a file of config, or a YAML file"
-    ),
+    DeclareLaunchArgument('machine', default_value='four_dof', description=MACHINE),
+    DeclareLaunchArgument('control', default_value='robust', description=CONTROL),
     DeclareLaunchArgument(
         'arrangement',
         default_value='composed',
         choices=['composed', 'processes'],
-        description='one process, or one a node',
+        description='one process, or one process per node',
     ),
-    DeclareLaunchArgument('namespace', default_value='pkm', description='where the cell lives in the graph'),
-    DeclareLaunchArgument('seed', default_value='1', description='seed of everything random in the machine'),
+    DeclareLaunchArgument('namespace', default_value='pkm', description='ROS namespace of the cell'),
+    DeclareLaunchArgument('seed', default_value='1', description='seed of the random numbers of the machine'),
     DeclareLaunchArgument('environment', default_value='nominal', description=ENVIRONMENTS),
-    DeclareLaunchArgument('folder', default_value='bags', description='folder that takes one bag a cycle'),
+    DeclareLaunchArgument('folder', default_value='bags', description='folder for the bags, one per cycle'),
     DeclareLaunchArgument('without', default_value='', description=WITHOUT),
 ]
 

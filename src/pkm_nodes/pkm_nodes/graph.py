@@ -1,4 +1,4 @@
-"""Who runs in a cell: the one list that the composed cell, `pkm run` and the launch file start their nodes from."""
+"""The nodes of a cell: the one list from which the composed cell, `pkm run` and the launch file start them."""
 
 import re
 from dataclasses import dataclass, field
@@ -8,48 +8,50 @@ from pkm_core.control.controllers import find_control
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 
-# where a cell lives in the graph unless it is told otherwise
+# default namespace of a cell
 NAMESPACE = '/pkm'
-# what the parameter and the options of this name say of themselves
-ENVIRONMENTS = 'how rough the world is: ideal, nominal, hard, elastic (four_dof) or another section of config/truth'
-WITHOUT = 'names of nodes to leave out, with commas between them; others take their place'
+# descriptions of parameters that several nodes and the launch file have
+ENVIRONMENTS = 'level of imperfections: ideal, nominal, hard, elastic (four_dof) or another section of config/truth'
+WITHOUT = 'comma-separated names of nodes that are not started, because other nodes replace them'
 
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """One process of the cell when it is spread out: an executable of pkm_nodes, its node name and parameters."""
+    """One process of a cell in processes: an executable of pkm_nodes, its node name and its parameters."""
 
     executable: str
     name: str
     parameters: dict = field(default_factory=dict)
-    offers: tuple[str, ...] = ()  # topics and services without which no motion runs
+    offers: tuple[str, ...] = ()  # topics and services that a motion needs
 
     def arguments(self, common, namespace=NAMESPACE):
-        """Return the command line that starts this node in `namespace` with its and the `common` parameters."""
+        """Return the ROS arguments of this node in `namespace`, with its own and the `common` parameters."""
         parameters = {**common, **self.parameters}
         moved = [('__ns', namespace), *clock_of(namespace)]
         settings = [word for key, value in parameters.items() for word in ('-p', f'{key}:={_yaml(value)}')]
-        # only where it differs: __node renames every node of a process, and the machine's has six
+        # only if the name differs: __node renames every node of a process, and the machine's process has six
         rename = [] if self.name == self.executable else ['-r', f'__node:={self.name}']
         return ['--ros-args', *rename, *(word for rule in moved for word in ('-r', ':='.join(rule))), *settings]
 
 
 def namespace_of(text):
-    """Return the namespace that `text` names, with or without a slash in front; `PkmError` if none can be called so."""
+    """Return the namespace `text` with a leading slash; `PkmError` if it is not a valid name."""
     if not re.fullmatch(r'/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII):
-        raise PkmError(f'namespace {text!r} given; expected letters, digits and _, not a digit first, / between names')
+        raise PkmError(
+            f'namespace: {text!r} given; expected names of letters, digits and _, not a digit first, joined by /'
+        )
     return '/' + text.removeprefix('/')
 
 
 def whole_number(name, text):
-    """Return the whole number from 0 that `text`, given as `name`, is; `PkmError` if it is none."""
+    """Return `text`, the value of the argument `name`, as an integer; `PkmError` unless it is 0 or more."""
     if not re.fullmatch(r'\d+', text, re.ASCII):
-        raise PkmError(f'{name} {text!r} given; expected a whole number from 0')
+        raise PkmError(f'{name}: {text!r} given; expected an integer, 0 or more')
     return int(text)
 
 
 def clock_of(namespace):
-    """Return the remappings that give a cell in `namespace` a time of its own; the one in /pkm has /clock."""
+    """Return the remappings that give a cell in `namespace` its own clock topic; a cell in /pkm has /clock."""
     return [] if namespace == NAMESPACE else [('/clock', f'{namespace}/clock')]
 
 
@@ -58,7 +60,7 @@ def _yaml(value):
 
 
 def controller_nodes(machine, control):
-    """Return the `NodeSpec`s of what answers the encoders of `machine` (name or file) under a choice of `control`."""
+    """Return the `NodeSpec`s of the controllers of `machine` (name or file) for a choice of `control`."""
     parameters, model = {'machine': str(machine), 'control': str(control)}, load_machine(machine)
     if find_control(model, control)[0] == 'computed_torque':
         commands = tuple(f'{joint}/command' for joint in model.joints)
@@ -70,29 +72,40 @@ def controller_nodes(machine, control):
 
 
 def names_in(text):
-    """Return the names in `text`, which has commas between them."""
+    """Return the names in the comma-separated `text`."""
     return [name.strip() for name in text.split(',') if name.strip()]
 
 
 def leave_out(nodes, names):
-    """Return `nodes` without those of these `names`; `PkmError` if there is no such node."""
+    """Return `nodes` without those named in `names`; `PkmError` if a name is unknown."""
     known = [spec.name for spec in nodes]
     unknown = [name for name in names if name not in known]
     if unknown:
         raise PkmError(
-            f'without: no node of this cell is called {unknown}; known: {known}, '
-            'linear motors and laser come and go with machine'
+            f'without: no node of this cell is called {unknown}; known: {known}; '
+            'linear motors and laser run in the process of machine'
         )
     return [spec for spec in nodes if spec.name not in names]
 
 
 def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', folder='', record=True, without=()):
     """
-    Return the `NodeSpec`s of a whole cell around `machine` (name or file).
+    Return the `NodeSpec`s of all processes of a cell.
 
-    `control` chooses the controllers, see `find_control`; `seed` and `environment` go to the simulated machine,
-    `folder` takes the recorder's bags, and a folder `identified` beside it models and pictures; without `record` there
-    is no recorder and the machine does not wait for one. The nodes named in `without` are left out.
+    Parameters
+    ----------
+    machine : str or Path
+        Name of a machine, or a YAML file.
+    control : str
+        Choice of the controllers, see `find_control`.
+    seed, environment : int, str
+        Of the simulated machine.
+    folder : str or Path
+        Gets the recorder's bags; models and figures go into the folder `identified` beside it.
+    record : bool
+        Whether there is a recorder; without one the machine does not wait for it.
+    without : iterable of str
+        Names of nodes to leave out.
     """
     joints = load_machine(machine).joints
     on_machine = {'machine': str(machine)}
@@ -118,5 +131,5 @@ def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', fold
 
 def composed_cell(machine, *, without=(), **options):
     """Return the `NodeSpec` of the same cell in one process."""
-    left_out = {'without': ','.join(without)} if without else {}  # ROS takes no empty value on a command line
+    left_out = {'without': ','.join(without)} if without else {}  # ROS refuses an empty value on a command line
     return NodeSpec('cell', 'cell', {'machine': str(machine), **options, **left_out})

@@ -11,7 +11,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from pkm_core.bag.message_types import typestore
-from pkm_core.bag.reader import raw_messages, read_metadata, read_topics, writable_folder
+from pkm_core.bag.reader import raw_messages, read_metadata, read_topics
 from pkm_core.bag.writer import BagWriter
 from pkm_core.config import install_prefixes
 from pkm_core.errors import BagError
@@ -141,11 +141,6 @@ def test_metadata_file_that_is_none_is_refused(write_bag, text, complaint):
     with pytest.raises(BagError, match=complaint) as refusal:
         read_metadata(bag)
     assert '\n' not in str(refusal.value)
-
-
-def test_folder_that_cannot_be_written_is_refused():
-    with pytest.raises(BagError, match='/proc/nowhere: cannot be written'):
-        writable_folder('/proc/nowhere')
 
 
 def test_bag_that_exists_is_not_overwritten(write_bag):

@@ -262,8 +262,8 @@ def test_margins_verb_writes_figures_and_pictures(tmp_path):
     app = typer.Typer()
     app.command()(margins_verb)
     out = ['--out', str(tmp_path), '--json', str(tmp_path / 'margins.json')]
-    for law in ('robust', 'computed_torque'):
-        result = CliRunner().invoke(app, ['--machine', 'xy_stage', '--law', law, *out])
+    for controller in ('robust', 'computed_torque'):
+        result = CliRunner().invoke(app, ['--machine', 'xy_stage', '--controller', controller, *out])
         assert result.exit_code == 0, result.output
         figures = json.loads((tmp_path / 'margins.json').read_text())
         assert figures['axes']['y']['nominal']['gain_margin'] > 8.5

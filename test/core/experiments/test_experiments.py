@@ -181,8 +181,8 @@ def run_verb(*options):
 @pytest.mark.parametrize(
     ('options', 'complaint'),
     [
-        (['targets', '--arrangement', 'composed'], 'composed given; targets are driven in simulation'),
-        (['planar', '--out', '/proc/nowhere'], '--out: /proc/nowhere'),
+        (['targets', '--arrangement', 'composed'], 'composed given; targets run in simulation only'),
+        (['planar', '--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),
     ],
 )
 def test_wrong_option_is_refused(options, complaint):

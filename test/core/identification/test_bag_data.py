@@ -161,7 +161,7 @@ def test_bag_of_another_machine_is_refused(cell_bags):
 
 
 def test_bag_of_a_sweep_alone_is_refused(cell_bags):
-    with pytest.raises(PkmError, match='no axis of planar moves without excitation'):
+    with pytest.raises(PkmError, match='planar: no axis moves without excitation'):
         call('--machine', 'planar', cell_bags[1])
 
 
@@ -321,7 +321,7 @@ def test_truncated_file_is_refused(tmp_path):
 
 
 def test_missing_output_topic_is_refused(tmp_path):
-    with pytest.raises(PkmError, match='--output-topic is missing'):
+    with pytest.raises(PkmError, match='--output-topic: is missing'):
         call(tmp_path, '--input-topic', '/joint_states')
 
 

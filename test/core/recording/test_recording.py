@@ -15,7 +15,7 @@ from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.bag.message_types import typestore
 from pkm_core.bag.reader import column, raw_messages, read_metadata, read_topics
 from pkm_core.bag.repair import repair
-from pkm_core.errors import BagError
+from pkm_core.errors import BagError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.machines.laser_clock import sample_numbers
 from pkm_core.recording import recording as module
@@ -478,5 +478,5 @@ def test_second_recorder_on_a_folder_is_refused_until_the_first_has_ended(tmp_pa
 
 
 def test_folder_that_cannot_be_written_is_refused():
-    with pytest.raises(BagError, match='/proc/nowhere: cannot be written'):
+    with pytest.raises(PkmError, match='/proc/nowhere: cannot be written'):
         FolderLock('/proc/nowhere')

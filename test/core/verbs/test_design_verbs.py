@@ -94,7 +94,7 @@ def test_calibrate_takes_the_measurements_of_a_simulation_as_its_own(tmp_path):
         (tolerance.tolerance, ['--machine', 'planar'], 'the error matrix is that of a four_dof'),
         (tolerance.tolerance, ['--workspace', 'nowhere'], "'nowhere' is unknown"),
         (budget.budget, ['--machine', 'xy_stage'], 'has no links'),
-        (budget.budget, ['--scheduler', 'nobody', '--machines', '10'], "dask scheduler 'nobody'"),
+        (budget.budget, ['--cluster', 'nobody', '--machines', '10'], "dask scheduler 'nobody'"),
         (calibrate.calibrate, ['--measurements', 'none.csv'], 'cannot be read'),
     ],
 )

@@ -1,4 +1,4 @@
-"""One recorded motion cycle as arrays: what a bag of the cell says, and the figures that follow from it."""
+"""One recorded motion cycle as arrays, and the figures computed from them."""
 
 import json
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _RUN = 0  # EncoderSample.RUN
 
 @dataclass(frozen=True)
 class CycleRecord:
-    """A cycle as recorded; arrays are (N, n): a row is a tick that every joint has answered, a column a joint."""
+    """A recorded cycle. Arrays are (N, n): one row per tick that every joint answered, one column per joint."""
 
     path: Path
     motion: str
@@ -24,93 +24,79 @@ class CycleRecord:
     joints: tuple[str, ...]
     coordinates: tuple[str, ...]  # of the pose
     sample_time: float  # [s]
-    samples: int  # ticks of the whole cycle; N is less after a safe stop
+    samples: int  # ticks of a complete cycle; N is less after a safe stop
     ticks: np.ndarray  # (N,)
     counts: np.ndarray  # (N, n) int64
     position: np.ndarray  # (N, n) [m] measured
     reference: np.ndarray  # (N, n) [m]
     pose_reference: np.ndarray  # (N, m) [m, rad]
     voltage: np.ndarray  # (N, n) [V]
-    error: np.ndarray  # (N, n) [m] reference minus measured, whatever the controller says of itself
-    feedforward: np.ndarray  # (N, n) [V] learned part
+    error: np.ndarray  # (N, n) [m] reference minus measured; the error in the controller's messages is not used
+    feedforward: np.ndarray  # (N, n) [V] learned part of the voltage
     move_starts: np.ndarray  # (moves,) [samples]
     move_ends: np.ndarray
     laser_time: np.ndarray  # (K,) [s] from the first tick; K is 0 without a laser
     laser: np.ndarray  # (K, m) [m, rad] displacement of the end point from the laser's datum
-    recorded: dict[str, int]  # messages by topic
-    expected: dict[str, int]  # where the number is known
-    facts: dict[str, str]  # what the recorder says of the recording
+    recorded: dict[str, int]  # number of messages by topic
+    expected: dict[str, int]  # expected number of messages, for topics where it is known
+    facts: dict[str, str]  # other metadata of the recorder
 
     @property
     def is_whole(self):
-        """Whether every tick of the cycle is there."""
+        """Whether the record has every tick of the cycle."""
         return len(self.ticks) == self.samples
 
     def metrics(self):
-        """Return one `AxisMetrics` a joint; the cycle must be whole."""
+        """Return one `AxisMetrics` per joint; the cycle must be whole."""
         return [axis_metrics(error, self.move_starts, self.move_ends, self.sample_time) for error in self.error.T]
 
 
 def read_cycle(path, namespace=None):
     """
-    Return the `CycleRecord` of the bag folder `path`; of the cell in `namespace`, by default the only one it holds.
+    Return the `CycleRecord` of a bag.
 
-    Only ticks that every joint has answered count: a cycle that ended in a safe stop is shorter than its trajectory.
+    Only ticks that every joint answered are kept: a cycle that ended in a safe stop is shorter than its trajectory.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the bag.
+    namespace : str, optional
+        Of the cell; by default that of the only cell in the bag.
 
     Raises
     ------
     BagError
-        If `path` is no bag of this cell, or has a gap.
+        If `path` is no bag of a cell, or ticks are missing.
 
     """
-    info = read_metadata(path)
-    messages = read_topics(path)
+    info, messages = read_metadata(path), read_topics(path)
     namespace = namespace or _namespace(path, messages)
-
-    def trajectory_of(name):
-        topic = f'{namespace}/{name}_trajectory'
-        if topic not in messages:
-            raise BagError(f'{path}: has no message on {topic}; expected a bag of the cell in {namespace}')
-        message = messages[topic][-1]
-        return message, np.reshape(message.position, (-1, len(message.coordinates)))
-
-    (trajectory, reference), (poses, pose_reference) = trajectory_of('joint'), trajectory_of('pose')
-    joints = tuple(trajectory.coordinates)
-    samples, commands = [], []
-    for joint in joints:
-        samples.append([m for m in messages.get(f'{namespace}/{joint}/encoder', ()) if m.mode == _RUN])
-        commands.append(messages.get(f'{namespace}/{joint}/command', []))
-    length = min(map(len, samples + commands))
-    ticks = column(commands[0][:length], 'tick')
-    for joint, taken in zip(joints * 2, samples + commands, strict=True):
-        if not np.array_equal(column(taken[:length], 'tick'), ticks) or np.any(np.diff(ticks) != 1):
-            raise BagError(f'{path}: the ticks of {joint} have gaps; the bag is not complete')
-
-    def stack(per_joint, field):
-        return np.stack([column(taken[:length], field) for taken in per_joint], axis=1)
-
-    index = column(samples[0][:length], 'index').astype(int)
-    position = stack(samples, 'position')
+    trajectory, reference = _trajectory(path, messages, namespace, 'joint')
+    poses, pose_reference = _trajectory(path, messages, namespace, 'pose')
+    samples, commands, ticks = _ticks(path, messages, namespace, tuple(trajectory.coordinates))
+    index = column(samples[0], 'index').astype(int)
+    position = _stack(samples, 'position')
     laser = messages.get(f'{namespace}/laser', [])
-    start = trajectory.sample_time * (ticks[0] - index[0]) if length else 0.0
-    facts = info.get('custom_data') or {}  # none in a bag that somebody else's recorder made
+    start = trajectory.sample_time * (ticks[0] - index[0]) if len(ticks) else 0.0
+    facts = info.get('custom_data') or {}  # absent in bags of other recorders
     return CycleRecord(
         path=Path(path),
         motion=trajectory.motion,
         learning_law=trajectory.learning_law,
         cycle=trajectory.cycle,
-        joints=joints,
+        joints=tuple(trajectory.coordinates),
         coordinates=tuple(poses.coordinates),
         sample_time=trajectory.sample_time,
         samples=len(reference),
         ticks=ticks,
-        counts=stack(samples, 'counts'),
+        counts=_stack(samples, 'counts'),
         position=position,
         reference=reference[index],
         pose_reference=pose_reference[index],
-        voltage=stack(commands, 'voltage'),
+        voltage=_stack(commands, 'voltage'),
         error=reference[index] - position,
-        feedforward=stack(commands, 'feedforward'),
+        feedforward=_stack(commands, 'feedforward'),
         move_starts=np.array(trajectory.move_starts, dtype=int),
         move_ends=np.array(trajectory.move_ends, dtype=int),
         laser_time=column(laser, 'time') - start,
@@ -122,10 +108,43 @@ def read_cycle(path, namespace=None):
 
 
 def _namespace(path, messages):
-    """Return the namespace of the one cell that has spoken in a bag."""
+    """Return the namespace of the only cell with messages in the bag; `BagError` if there is none or several."""
     end = '/joint_trajectory'
     found = sorted(topic.removesuffix(end) for topic in messages if topic.endswith(end))
     if len(found) != 1:
         came = f'messages on {end} in the namespaces {found}' if found else f'no message on any {end}'
         raise BagError(f'{path}: has {came}; expected a bag of one cell')
     return found[0]
+
+
+def _trajectory(path, messages, namespace, kind):
+    """Return the last trajectory message of `kind`, 'joint' or 'pose', and its positions (samples, coordinates)."""
+    topic = f'{namespace}/{kind}_trajectory'
+    if topic not in messages:
+        raise BagError(f'{path}: has no message on {topic}; expected a bag of the cell in {namespace}')
+    message = messages[topic][-1]
+    return message, np.reshape(message.position, (-1, len(message.coordinates)))
+
+
+def _ticks(path, messages, namespace, joints):
+    """
+    Return encoder samples and commands, one list per joint, and their ticks (N,).
+
+    The lists are cut to the ticks that every joint answered; `BagError` if ticks within them are missing.
+    """
+    samples, commands = [], []
+    for joint in joints:
+        samples.append([m for m in messages.get(f'{namespace}/{joint}/encoder', ()) if m.mode == _RUN])
+        commands.append(messages.get(f'{namespace}/{joint}/command', []))
+    length = min(map(len, samples + commands))
+    samples, commands = ([taken[:length] for taken in lists] for lists in (samples, commands))
+    ticks = column(commands[0], 'tick')
+    for joint, taken in zip(joints * 2, samples + commands, strict=True):
+        if not np.array_equal(column(taken, 'tick'), ticks) or np.any(np.diff(ticks) != 1):
+            raise BagError(f'{path}: the ticks of {joint} have gaps; the bag is not complete')
+    return samples, commands, ticks
+
+
+def _stack(per_joint, field):
+    """Return a field of the messages of every joint as an array (N, n)."""
+    return np.stack([column(taken, field) for taken in per_joint], axis=1)

@@ -139,16 +139,3 @@ def read_topics(path, topics=None):
 def column(messages, field):
     """Return one field of `messages` as an array, a row a message."""
     return np.array([getattr(message, field) for message in messages])
-
-
-def writable_folder(path):
-    """Return the folder `path`, made if need be; `BagError` if nothing can be written there."""
-    path = Path(path)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        probe = path / '.pkm-probe'
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise BagError(f'{path}: cannot be written: {error.strerror}') from None
-    return path

@@ -6,12 +6,12 @@ That process imports what they need; who only submits them, as a node does, star
 
 import numpy as np
 
+from pkm_core.files import writable_folder, write_json
 from pkm_core.machines import load_machine
 
 
 def fit_records(system, joint, records, models, control, band, folder):
     """Return the `AxisIdentification` of a joint from `JointRecord` objects, its pictures drawn into `folder`."""
-    from pkm_core.bag.reader import writable_folder
     from pkm_core.identification.figures import draw_identification
     from pkm_core.identification.identify import identify_joint
 
@@ -68,7 +68,6 @@ def write_results(folder, machine, found, models, origin):
     """
     from pkm_core.identification.model_file import write_model
     from pkm_core.identification.summary import as_figures
-    from pkm_core.verbs.options import write_json
 
     system = load_machine(machine)
     write_json(folder / 'identification.json', {'machine': system.name, 'axes': as_figures(found)})

@@ -3,8 +3,8 @@
 import fcntl
 import os
 
-from pkm_core.bag.reader import writable_folder
 from pkm_core.errors import BagError
+from pkm_core.files import writable_folder
 
 
 class FolderLock:
@@ -13,8 +13,8 @@ class FolderLock:
 
     Raises
     ------
-    BagError
-        If nothing can be written there, or another recorder holds it.
+    PkmError
+        If nothing can be written there; a `BagError` if another recorder holds it.
 
     """
 

@@ -2,8 +2,7 @@
 
 from io import BytesIO
 
-from pkm_core.bag.reader import writable_folder
-from pkm_core.errors import BagError
+from pkm_core.files import refused_if_unwritable, writable_folder
 from pkm_core.recording.provenance import git_revision
 from pkm_core.reporting import figures
 from pkm_core.reporting.histories import ARM
@@ -60,7 +59,7 @@ def write_report(folders, out, on_step=lambda text: None):
         ('What ran', [table_fragment(facts_table(runs)), *_remarks(runs)]),
         ('Tables', [table_fragment(table) for table in space_tables(runs, numbers)] + [remark_fragment(_ABOUT)]),
     ]
-    try:
+    with refused_if_unwritable(out):
         for heading, drawings in _FIGURES.items():
             on_step(f'drawing: {heading.lower()}')
             sections.append((heading, [_draw(drawing, runs, out) for drawing in drawings]))
@@ -69,8 +68,6 @@ def write_report(folders, out, on_step=lambda text: None):
         sections.append(('Messages', account))
         title = ' beside '.join(f'{run.machine.name}, {run.records[-1].motion}: {run.name}' for run in runs)
         (out / 'report.html').write_text(page(title, sections), encoding='utf-8')
-    except OSError as error:
-        raise BagError(f'{out}: cannot be written: {error.strerror}') from None
     return runs, {
         'runs': [
             {

@@ -1,12 +1,12 @@
 """
-The whole loop without ROS: the objects of the nodes, called in the order of the nodes, so with the same bits.
+The whole loop without ROS: the objects of the nodes, called in the order of the nodes, and therefore the same bits.
 
-A cycle: start the plant's cycle, then tick by tick counts -> position -> controllers -> voltages -> plant; after its
-last tick every joint's monitor looks at it and, unless that steps in, the law turns error and feedforward into the
-feedforward of the next cycle. A laser may watch the end point; the loop knows nothing of it.
+One cycle: start the plant's cycle; per tick counts -> position -> controllers -> voltages -> plant. After the last tick
+the monitor of each joint checks the cycle; unless it intervenes, the law computes the next cycle's feedforward from the
+error and the feedforward. A laser may measure the end point; it does not act on the loop.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,15 +21,15 @@ from pkm_core.simulation.compiled import run_cycle
 
 @dataclass(frozen=True)
 class CycleRecords:
-    """What happened, per cycle, sample and joint."""
+    """All signals of a run, per cycle, sample and joint."""
 
     joints: tuple[str, ...]
-    error: np.ndarray  # (cycles, N, n) [m] r - y
+    error: np.ndarray  # (cycles, N, n) [m] reference minus measured
     counts: np.ndarray  # (cycles, N, n) int64
     voltage: np.ndarray  # (cycles, N, n) [V]
     feedforward: np.ndarray  # (cycles, N, n) [V] the learned part, before the filters
     metrics: tuple[tuple[AxisMetrics, ...], ...]  # [cycle][joint]
-    notices: tuple[str, ...]  # what the monitors of learning noticed, in order
+    notices: tuple[str, ...]  # messages of the learning monitors, in order
     laser: tuple[LaserSamples, ...]  # [cycle] of the end point; empty without a laser
 
     def metric(self, name):
@@ -39,37 +39,49 @@ class CycleRecords:
 
 def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nominal', start=None, laser=False):
     """
-    Run `cycles` cycles of a joint trajectory, from power-up at home, and return their `CycleRecords`.
+    Run `cycles` cycles of a joint trajectory from power-up at the home position.
 
-    `trajectory` is in joints, as `to_joints` returns it; `control` comes from `load_control` or `load_torque_control`,
-    `law` from `make_law`, or None to learn nothing; `seed` and `environment` go to the plant. `start` is the learned
-    feedforward (N, n) [V] of the first cycle, by default none; without a law it stays. `laser`: whether the end
-    point is measured, which takes as long again.
+    Parameters
+    ----------
+    machine : Machine
+        What is simulated.
+    trajectory : SampledTrajectory
+        In joints, as `to_joints` returns it; N samples.
+    control : dict of str to RobustGains or TorqueGains
+        From `load_control` or `load_torque_control`.
+    law : Law or None
+        From `make_law`; None learns nothing.
+    cycles : int
+        Number of cycles.
+    seed, environment : int, str
+        Of the plant.
+    start : ndarray, shape (N, n), optional
+        Learned feedforward [V] of the first cycle, by default zero; without a law that of all cycles.
+    laser : bool
+        Whether the end point is measured; doubles the run time.
+
+    Returns
+    -------
+    records : CycleRecords
 
     Raises
     ------
     PkmError
-        If the plant stops with a fault; cycle and sample are named.
+        If the plant stops with a fault; with cycle and sample.
 
     """
-    plant = Plant(machine, seed, environment)
-    controller = make_controller(machine, control)
-    shape = (cycles, *trajectory.position.shape)
-    error, voltage, feedforward = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    counts = np.zeros(shape, dtype=np.int64)
-    if start is not None:
-        feedforward[:] = start
-    if law is not None:
-        law = law.with_reference(trajectory)
-    monitors = [Monitor(joint) for joint in machine.joints]
-    metrics, notices = [], []
-    watch, seen = Laser(machine, seed, environment) if laser else None, []
+    plant, controller = Plant(machine, seed, environment), make_controller(machine, control)
+    records = _empty_records(machine, cycles, trajectory, start)
+    learning = None if law is None else _Learning(machine, law.with_reference(trajectory))
+    watch = Laser(machine, seed, environment) if laser else None
     if watch:
         watch.zero(0, plant.truth)
+    metrics, notices, seen = [], [], []
     for cycle in range(cycles):
-        controller.load(trajectory, feedforward[cycle])
+        error, feedforward = records.error[cycle], records.feedforward[cycle]
+        controller.load(trajectory, feedforward)
         plant.start_cycle(cycle + 1)  # the cell counts cycles from 1
-        rows = counts[cycle], voltage[cycle], error[cycle]
+        rows = records.counts[cycle], records.voltage[cycle], error
         if watch is None and isinstance(controller, JointControllers):
             done = run_cycle(plant, controller, *rows)
         else:
@@ -78,35 +90,54 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
             raise PkmError(f'cycle {cycle + 1}, sample {done - 1}: {plant.fault}')
         if watch:
             seen.append(watch.read())
-        metrics.append(
-            tuple(
-                axis_metrics(axis_error, trajectory.move_starts, trajectory.move_ends, machine.sample_time)
-                for axis_error in error[cycle].T
-            )
-        )
-        if law is not None and cycle + 1 < cycles:
-            for axis, joint in enumerate(machine.joints):
-                decision = monitors[axis].observe(error[cycle, :, axis], feedforward[cycle, :, axis])
-                learned = decision.feedforward
-                if decision.learn:
-                    learned = law.update(joint, error[cycle, :, axis], learned, decision.iteration, machine.sample_time)
-                if decision.message:
-                    notices.append(f'cycle {cycle + 1}: {decision.message}')
-                feedforward[cycle + 1, :, axis] = learned
-    return CycleRecords(
-        machine.joints,
-        error,
-        counts,
-        voltage,
-        feedforward,
-        tuple(metrics),
-        tuple(notices),
-        tuple(seen),
-    )
+        moves = trajectory.move_starts, trajectory.move_ends, machine.sample_time
+        metrics.append(tuple(axis_metrics(axis_error, *moves) for axis_error in error.T))
+        if learning is not None and cycle + 1 < cycles:
+            records.feedforward[cycle + 1], messages = learning.after_cycle(error, feedforward)
+            notices += [f'cycle {cycle + 1}: {message}' for message in messages]
+    return replace(records, metrics=tuple(metrics), notices=tuple(notices), laser=tuple(seen))
+
+
+def _empty_records(machine, cycles, trajectory, start):
+    """Return `CycleRecords` of zeros, with the feedforward `start` in every cycle if it is not None."""
+    shape = (cycles, *trajectory.position.shape)
+    error, voltage, feedforward = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    if start is not None:
+        feedforward[:] = start
+    return CycleRecords(machine.joints, error, np.zeros(shape, dtype=np.int64), voltage, feedforward, (), (), ())
+
+
+class _Learning:
+    """A law and one `Monitor` per joint, between two cycles."""
+
+    def __init__(self, machine, law):
+        self._joints, self._sample_time, self._law = machine.joints, machine.sample_time, law
+        self._monitors = [Monitor(joint) for joint in machine.joints]
+
+    def after_cycle(self, error, feedforward):
+        """
+        Return the feedforward of the next cycle and the messages of the monitors.
+
+        `error` [m] and `feedforward` [V] are those of the cycle, (N, n), and so is the feedforward returned.
+        """
+        following, messages = np.empty_like(feedforward), []
+        for axis, (joint, monitor) in enumerate(zip(self._joints, self._monitors, strict=True)):
+            decision = monitor.observe(error[:, axis], feedforward[:, axis])
+            learned = decision.feedforward
+            if decision.learn:
+                learned = self._law.update(joint, error[:, axis], learned, decision.iteration, self._sample_time)
+            if decision.message:
+                messages.append(decision.message)
+            following[:, axis] = learned
+        return following, messages
 
 
 def _run_cycle(plant, controller, counts, voltage, error, watch, first):
-    """Do tick by tick what `closed_loop.run_cycle` does, with any controller; a laser watches from tick `first` on."""
+    """
+    Run one cycle tick by tick, as `compiled.run_cycle` does, with any controller; return the number of ticks.
+
+    A laser `watch` that is not None measures every tick, counted from `first`.
+    """
     for index in range(len(counts)):
         counts[index] = plant.counts
         voltage[index], error[index] = controller.update(index, counts[index] * plant.machine.encoder_resolution)

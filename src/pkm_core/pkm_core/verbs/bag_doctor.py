@@ -1,13 +1,12 @@
-"""`pkm bag-doctor`: make a whole bag of what a killed recorder has left."""
+"""`pkm bag-doctor`: repair the bag of a recorder that was killed."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from pkm_core.verbs.options import JsonOption, write_json
+from pkm_core.verbs.console import Output, table
+from pkm_core.verbs.options import JsonOption, write_figures
 
 
 def bag_doctor(
@@ -15,35 +14,33 @@ def bag_doctor(
     json_file: JsonOption = None,
 ):
     """
-    Repair a bag that its recorder could not close: save every whole chunk into a new bag beside it, PATH_repaired.
+    Repair a bag that its recorder did not close: copy every complete chunk into a new bag, PATH_repaired.
 
-    PATH itself stays as it is, and nothing is overwritten. Says how much was saved and which ticks are missing.
+    PATH is not changed, and nothing is overwritten. Prints the saved messages per topic and the missing ticks.
 
     Example: `pkm bag-doctor runs/bags/four_dof_70ms_0003_20260101T120000`
     """
     from pkm_core.bag.repair import repair
 
-    console = Console()
+    console = Output()
     done = repair(path)
-    write_json(json_file, {'repaired': done is not None} | (vars(done) | {'path': str(done.path)} if done else {}))
+    write_figures(json_file, {'repaired': done is not None} | (vars(done) | {'path': str(done.path)} if done else {}))
     if done is None:
-        console.print(f'{path} is whole; nothing to repair', soft_wrap=True)
+        console.plain(f'{path} is complete; nothing to repair')
         return
-    table = Table(title='saved', title_justify='left')
-    table.add_column('topic')
-    table.add_column('messages', justify='right')
-    table.add_column('ticks that are missing')
-    for topic, count in done.saved.items():
-        table.add_row(topic, str(count), _ticks(done.missing[topic]) if topic in done.missing else '')
-    console.print(table)
+    rows = [
+        (topic, str(count), _ticks(done.missing[topic]) if topic in done.missing else '')
+        for topic, count in done.saved.items()
+    ]
+    console.print(table('saved', ['topic', 'messages', 'missing ticks'], rows, align='lrl'))
     if done.damaged_chunks:
         console.print(f'{done.damaged_chunks} chunks were damaged')
     if done.lost_bytes:
-        console.print(f'the last {done.lost_bytes} bytes of the file belong to no whole record')
-    console.print(f'{sum(done.saved.values())} messages are in {done.path}', soft_wrap=True)
+        console.print(f'the last {done.lost_bytes} bytes of the file belong to no complete record')
+    console.plain(f'{sum(done.saved.values())} messages are in {done.path}')
 
 
 def _ticks(ranges):
-    """Return ranges of ticks in words."""
+    """Return ranges of ticks as text."""
     spans = [str(first) if first == last else f'{first} to {last}' for first, last in ranges]
     return ', '.join(spans) or 'none'

@@ -1,106 +1,139 @@
-"""`pkm budget`: how far off the end points of machines will be, and why."""
+"""`pkm budget`: end-point error of machines built within tolerances, and the share of each source in it."""
 
 import time
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, SeedOption, folder, progress, write_json
+from pkm_core.verbs.console import Output, progress_bar, table
+from pkm_core.verbs.options import (
+    ClusterOption,
+    JsonOption,
+    MachineOption,
+    OutOption,
+    SeedOption,
+    TolerancesOption,
+    out_folder,
+    write_figures,
+)
+
+
+class _Result(NamedTuple):
+    """Both budgets of a machine, and the wall time [s] of the Monte-Carlo one."""
+
+    linear: object  # `LinearBudget`
+    simulated: object  # `Distribution`
+    seconds: float
 
 
 def budget(
     machine: MachineOption = 'four_dof',
-    tolerances: Annotated[str, typer.Option(help='Tolerances of config/design, or a YAML file.')] = 'tolerances',
-    machines: Annotated[int, typer.Option(min=2, help='Machines to build and measure.')] = 10_000,
-    poses: Annotated[int, typer.Option(min=1, help='Poses over the workspace, the same for all.')] = 64,
+    tolerances: TolerancesOption = 'tolerances',
+    machines: Annotated[int, typer.Option(min=2, help='Number of machines to build and measure.')] = 10_000,
+    poses: Annotated[int, typer.Option(min=1, help='Number of poses over the workspace, the same for all.')] = 64,
     seed: SeedOption = 1,
-    scheduler: Annotated[
-        str | None, typer.Option(help='Address of a dask cluster, e.g. tcp://host:8786; here without it.')
-    ] = None,
+    cluster: ClusterOption = '',
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
     """
-    Tell the end-point error that tolerances, encoders, belts and warmth will cause, linear and by Monte Carlo.
+    Compute the end-point error caused by tolerances, encoders, belts and temperature, linearly and by Monte Carlo.
 
-    Contributions are ranked. The same seed gives the same bits, also on a cluster.
+    Sources are ranked by their share of the variance. The same seed gives the same bits with and without a cluster.
 
     Example: `pkm budget --machines 10000 --out runs/budget`
 
-    Example: `pkm budget --tolerances my_tolerances.yaml --machines 1000000 --scheduler tcp://host:8786`
+    Example: `pkm budget --tolerances my_tolerances.yaml --machines 1000000 --cluster tcp://host:8786`
     """
-    import numpy as np
+    from pkm_core.design.tolerances import load_tolerances
 
+    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
+    result = _compute(console, model, load_tolerances(tolerances), machines, poses, seed, cluster, out)
+    figures = {'machine': model.name, 'tolerances': tolerances, 'machines': machines, 'poses': poses, 'seed': seed}
+    write_figures(json_file, figures | _figures(model, result))
+    _print(console, model, result, machines, poses)
+    if out:
+        console.plain(f'figures are in {out}')
+
+
+def _compute(console, model, spreads, machines, poses, seed, cluster, out):
+    """Return the `_Result`; figures are drawn into `out` if it is not None."""
     from pkm_core.design.budget import linear_budget
     from pkm_core.design.budget_figures import draw_contributions, draw_distribution, draw_map
     from pkm_core.design.budget_monte_carlo import MACHINES_A_BLOCK, monte_carlo_budget, study_poses
-    from pkm_core.design.tolerances import load_tolerances
-    from pkm_core.design.units import units
 
-    console, model, out = Console(), load_machine(machine).drawing, folder(out)
-    spreads = load_tolerances(tolerances)
-    with progress(console, -(-machines // MACHINES_A_BLOCK) + 2) as step:
-        step('first order')
+    with progress_bar(console, -(-machines // MACHINES_A_BLOCK) + 2) as bar:
+        bar.step('first order')
         q = study_poses(model, poses, seed)
         linear = linear_budget(model, spreads, q)
         start = time.perf_counter()
-        found = monte_carlo_budget(
-            model, spreads, q, machines, seed, scheduler, lambda: step('building and measuring machines')
+        simulated = monte_carlo_budget(
+            model, spreads, q, machines, seed, cluster or None, lambda: bar.step('building and measuring machines')
         )
         seconds = time.perf_counter() - start
         if out:
-            step('figures')
-            draw_distribution(out, model, linear, found)
+            bar.step('figures')
+            draw_distribution(out, model, linear, simulated)
             draw_contributions(out, model, linear)
             draw_map(out, model, spreads, seed)
-    scale = np.array([factor for factor, _ in units(model)])
-    rows = {
+    return _Result(linear, simulated, seconds)
+
+
+def _scale(model):
+    """Return the factors (m,) from SI to the units that are printed."""
+    import numpy as np
+
+    from pkm_core.design.units import units
+
+    return np.array([factor for factor, _ in units(model)])
+
+
+def _errors(model, result):
+    """Return {what: error (m,)} in the units that are printed."""
+    import numpy as np
+
+    scale, linear, simulated = _scale(model), result.linear, result.simulated
+    return {
         'linear, deviation': scale * np.sqrt(np.mean(linear.total() ** 2, axis=0)),
         'linear, at the worst pose': scale * linear.total().max(axis=0),
-        'simulated, deviation': scale * np.sqrt(np.mean(found.deviation**2, axis=0)),
-        'simulated, at the worst pose': scale * found.deviation.max(axis=0),
-        'half of all stay within': scale * found.quantile(0.5),
-        '95 % stay within': scale * found.quantile(0.95),
-        '99.7 % stay within': scale * found.quantile(0.997),
+        'simulated, deviation': scale * np.sqrt(np.mean(simulated.deviation**2, axis=0)),
+        'simulated, at the worst pose': scale * simulated.deviation.max(axis=0),
+        'half of all stay within': scale * simulated.quantile(0.5),
+        '95 % stay within': scale * simulated.quantile(0.95),
+        '99.7 % stay within': scale * simulated.quantile(0.997),
     }
+
+
+def _figures(model, result):
+    from pkm_core.design.units import units
+
     names = [f'{name}_{unit}' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
-    write_json(
-        json_file,
-        {
-            'machine': model.name,
-            'tolerances': tolerances,
-            'machines': machines,
-            'poses': poses,
-            'seed': seed,
-            'seconds': seconds,
-            'error': {title: dict(zip(names, row, strict=True)) for title, row in rows.items()},
-            'shares_of_variance': {
-                group: dict(zip(model.coordinates, row, strict=True)) for group, row in linear.shares().items()
-            },
-            'sources': {
-                name: dict(zip(names, scale * row, strict=True)) for name, row in linear.source_deviations().items()
-            },
+    scale = _scale(model)
+    return {
+        'seconds': result.seconds,
+        'error': {title: dict(zip(names, row, strict=True)) for title, row in _errors(model, result).items()},
+        'shares_of_variance': {
+            group: dict(zip(model.coordinates, row, strict=True)) for group, row in result.linear.shares().items()
         },
-    )
-    headings = [f'{name} \\[{unit}]' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
-    console.print(_table(f'{model.name}: end-point error, {machines} machines at {poses} poses', headings, rows))
-    shares = {group: 100.0 * row for group, row in linear.shares().items()}
-    console.print(_table('share of the variance, linear', [f'{name} \\[%]' for name in model.coordinates], shares))
-    sources = {name: scale * row for name, row in linear.source_deviations().items()}
+        'sources': {
+            name: dict(zip(names, scale * row, strict=True)) for name, row in result.linear.source_deviations().items()
+        },
+    }
+
+
+def _print(console, model, result, machines, poses):
+    from pkm_core.design.units import units
+
+    headings = [f'{name} [{unit}]' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
+    title = f'{model.name}: end-point error, {machines} machines at {poses} poses'
+    console.print(_table(title, headings, _errors(model, result)))
+    shares = {group: 100.0 * row for group, row in result.linear.shares().items()}
+    console.print(_table('share of the variance, linear', [f'{name} [%]' for name in model.coordinates], shares))
+    sources = {name: _scale(model) * row for name, row in result.linear.source_deviations().items()}
     console.print(_table('what each source gives alone, linear deviation', headings, sources))
-    console.print(f'{machines} machines simulated in {seconds:.2f} s')
-    if out:
-        console.print(f'figures are in {out}', soft_wrap=True)
+    console.print(f'{machines} machines simulated in {result.seconds:.2f} s')
 
 
 def _table(title, headings, rows):
-    table = Table(title=title, title_justify='left')
-    table.add_column('')
-    for heading in headings:
-        table.add_column(heading, justify='right')
-    for name, row in rows.items():
-        table.add_row(name, *(f'{value:.2f}' for value in row))
-    return table
+    return table(title, ['', *headings], [(name, *(f'{value:.2f}' for value in row)) for name, row in rows.items()])

@@ -1,33 +1,41 @@
-"""`pkm calibrate`: lengths and marks of one built machine from laser measurements."""
+"""`pkm calibrate`: link lengths, offsets and encoder marks of one built machine from laser measurements."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from pkm_core.files import writable_folder
 from pkm_core.machines import load_machine
-from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, SeedOption, folder, progress, write_json
+from pkm_core.verbs.console import Output, progress_bar, table
+from pkm_core.verbs.options import (
+    JsonOption,
+    MachineOption,
+    OutOption,
+    SeedOption,
+    TolerancesOption,
+    out_folder,
+    write_figures,
+)
 
 
 def calibrate(
     machine: MachineOption = 'four_dof',
     measurements: Annotated[
-        Path | None, typer.Option(help='CSV of laser measurements; without it a machine is simulated.')
+        Path | None, typer.Option(help='CSV file of laser measurements; default: a machine is simulated.')
     ] = None,
-    poses: Annotated[int, typer.Option(min=8, help='Poses to measure, in a simulation.')] = 60,
-    tolerances: Annotated[str, typer.Option(help='Tolerances of config/design, or a YAML file.')] = 'tolerances',
+    poses: Annotated[int, typer.Option(min=8, help='Number of poses of the simulated measurement.')] = 60,
+    tolerances: TolerancesOption = 'tolerances',
     laser: Annotated[str, typer.Option(help='Laser of config/design, or a YAML file.')] = 'laser',
     seed: SeedOption = 1,
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
     """
-    Estimate link lengths, offsets and encoder marks of one machine, tell how well they are known, judge on other poses.
+    Estimate link lengths, offsets and encoder marks of one machine, with deviations; validate them at other poses.
 
-    Every fourth pose is held out of the estimate. --out gets the calibrated machine file, which every command and node
-    takes as --machine, a picture, and the measurements of a simulation, whose format your own must have.
+    Every fourth pose is kept for validation. Writes into --out: the calibrated machine file, which every verb and node
+    accepts as its machine; a figure; the measurements of a simulation, which show the format of --measurements.
 
     Example: `pkm calibrate --out runs/calibration`
 
@@ -38,24 +46,24 @@ def calibrate(
     from pkm_core.design.tolerances import load_tolerances
     from pkm_core.design.units import units
 
-    console, model, out = Console(), load_machine(machine).drawing, folder(out)
+    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
     spreads, beam = load_tolerances(tolerances), load_laser(laser)
-    with progress(console, 3) as step:
-        step('measurements')
+    with progress_bar(console, 3) as bar:
+        bar.step('measurements')
         if measurements is None:
             simulated, source = simulate_machine(model, spreads, beam, poses, seed), f'a simulation with seed {seed}'
             seen = simulated.measurements
         else:
             simulated, source, seen = None, str(measurements), read_measurements(measurements, model)
-        step('estimate')
+        bar.step('estimate')
         study = study_calibration(model, seen, spreads, beam)
         rows = _errors(model, study, simulated)
         if out:
-            step('files')
+            bar.step('files')
             rows |= _write(out, machine, model, study, simulated, source)
     scale = [factor for factor, _ in units(model)]
     rows = {name: row * scale for name, row in rows.items()}
-    write_json(json_file, _figures(model, study, simulated, source, rows))
+    write_figures(json_file, _figures(model, study, simulated, source, rows))
     found = study.calibration
     console.print(_parameters_table(found, simulated))
     for value, parts in found.identifiability.hardly_known():
@@ -64,9 +72,9 @@ def calibrate(
     console.print(_errors_table(model, rows, len(study.held.q)))
     console.print(f'{len(study.used.q)} poses used, residuals {found.misfit:.2f} of the noise')
     if found.misfit > 1.5:
-        console.print('The residuals are larger than the noise: the machine has errors that this model lacks.')
+        console.print('The residuals exceed the noise: the machine has errors outside this model.')
     if out:
-        console.print(f'the calibrated machine is {_file(out, model)}, the figure is beside it', soft_wrap=True)
+        console.plain(f'the calibrated machine is {_file(out, model)}; the figure is in {out}')
 
 
 def _rms(errors):
@@ -76,7 +84,7 @@ def _rms(errors):
 
 
 def _errors(model, study, simulated):
-    """Return {what: error (m,)} in the order of the table [m, rad]."""
+    """Return {what: error (m,)} [m, rad], one entry per row of the table."""
     rows = {
         'laser and encoder noise': study.noise,
         'drawing': _rms(study.before),
@@ -96,14 +104,14 @@ def _file(out, model):
 
 
 def _write(out, machine, model, study, simulated, source):
-    """Write every file and return {what: error (m,)} of the machine file as it is loaded again [m, rad]."""
+    """Write every file and return {what: error (m,)} [m, rad] of the written machine file, loaded again."""
     from pkm_core.design.calibration import prediction_errors
     from pkm_core.design.calibration_figures import draw_calibration
     from pkm_core.design.calibration_file import write_calibrated_machine
     from pkm_core.design.measurement import write_measurements
 
     path = _file(out, model)
-    folder(path.parent)
+    writable_folder(path.parent)
     write_calibrated_machine(path, machine, study.calibration, source)
     draw_calibration(out, study, simulated.errors if simulated else None)
     if simulated:
@@ -138,24 +146,16 @@ def _figures(model, study, simulated, source, rows):
 
 
 def _parameters_table(found, simulated):
-    table = Table(title='deviation from the drawing \\[um]', title_justify='left')
-    for i, heading in enumerate(('', 'estimate', '+-', 'tolerance', *(['true'] if simulated else []))):
-        table.add_column(heading, justify='right' if i else 'left')
-    for name, prior in found.priors.items():
-        values = [found.errors[name], found.deviations[name], prior]
-        if simulated:
-            values.append(simulated.errors[name])
-        table.add_row(name, *(f'{1e6 * value:.2f}' for value in values))
-    return table
+    columns = {'estimate': found.errors, '+-': found.deviations, 'tolerance': found.priors}
+    if simulated:
+        columns['true'] = simulated.errors
+    rows = [(name, *(f'{1e6 * column[name]:.2f}' for column in columns.values())) for name in found.priors]
+    return table('deviation from the drawing [um]', ['', *columns], rows)
 
 
 def _errors_table(model, rows, held):
     from pkm_core.design.units import units
 
-    table = Table(title=f'end-point error at {held} poses not used, root mean square', title_justify='left')
-    table.add_column('')
-    for name, (_, unit) in zip(model.coordinates, units(model), strict=True):
-        table.add_column(f'{name} \\[{unit}]', justify='right')
-    for title, row in rows.items():
-        table.add_row(title, *(f'{value:.3f}' for value in row))
-    return table
+    headings = [f'{name} [{unit}]' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
+    cells = [(title, *(f'{value:.3f}' for value in row)) for title, row in rows.items()]
+    return table(f'end-point error at {held} poses not used, root mean square', ['', *headings], cells)

@@ -1,23 +1,22 @@
-"""`pkm drive-response`: the current loop of the amplifiers."""
+"""`pkm drive-response`: frequency response of the current loop of the amplifiers."""
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, folder, write_json
+from pkm_core.verbs.console import Output, table
+from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, out_folder, write_figures
 
 _ROWS = {  # heading: (key, factor, figure of the thesis)
-    '-3 dB at \\[kHz]': ('corner_hz', 1e-3, '7.42'),
-    'phase at 1 kHz \\[deg]': ('phase_at_1_khz_deg', 1.0, '-8.72'),
-    'gain at 1 kHz \\[dB]': ('gain_at_1_khz_db', 1.0, ''),
-    'gain at 2 kHz \\[dB]': ('gain_at_2_khz_db', 1.0, 'begins to fall'),
+    '-3 dB at [kHz]': ('corner_hz', 1e-3, '7.42'),
+    'phase at 1 kHz [deg]': ('phase_at_1_khz_deg', 1.0, '-8.72'),
+    'gain at 1 kHz [dB]': ('gain_at_1_khz_db', 1.0, ''),
+    'gain at 2 kHz [dB]': ('gain_at_2_khz_db', 1.0, 'begins to fall'),
 }
 
 
 def drive_response(machine: MachineOption = 'four_dof', out: OutOption = None, json_file: JsonOption = None):
     """
-    Tell the frequency response of the current loop, by its equations and by swept sine from 100 Hz to 10 kHz.
+    Compute the frequency response of the current loop from its equations and by swept sine from 100 Hz to 10 kHz.
 
     Writes Fig. 6.10 of the thesis into --out.
 
@@ -26,22 +25,21 @@ def drive_response(machine: MachineOption = 'four_dof', out: OutOption = None, j
     from pkm_core.experiments.drive_response import draw, figures, sweep
     from pkm_core.plant.plant import Plant
 
-    console, model, out = Console(), load_machine(machine), folder(out)
+    console, model, out = Output(), load_machine(machine), out_folder(out)
     drive = Plant(model, 0, 'ideal').truth.drive
     result = figures(drive)
-    table = Table(title=f'current loop of {model.name}, (6.1)-(6.3), Fig. 6.10', title_justify='left')
-    table.add_column('')
-    for heading in ('equations', 'swept sine', 'thesis'):
-        table.add_column(heading, justify='right')
-    for heading, (key, factor, thesis) in _ROWS.items():
-        table.add_row(heading, *(f'{factor * result[way][key]:.3f}' for way in ('equations', 'swept_sine')), thesis)
-    console.print(table)
+    rows = [
+        (heading, *(f'{factor * result[way][key]:.3f}' for way in ('equations', 'swept_sine')), thesis)
+        for heading, (key, factor, thesis) in _ROWS.items()
+    ]
+    title = f'current loop of {model.name}, (6.1)-(6.3), Fig. 6.10'
+    console.print(table(title, ['', 'equations', 'swept sine', 'thesis'], rows))
     frequencies, equations, measured = sweep(drive)
     if out:
         draw(out, frequencies, equations, measured)
-        console.print(f'the figure is in {out}', soft_wrap=True)
+        console.plain(f'the figure is in {out}')
     responses = {
         way: {'gain_db': 20.0 * np.log10(np.abs(response / response[0])), 'phase_deg': np.degrees(np.angle(response))}
         for way, response in (('equations', equations), ('swept_sine', measured))
     }
-    write_json(json_file, {'machine': model.name, **result, 'sweep': {'frequency_hz': frequencies, **responses}})
+    write_figures(json_file, {'machine': model.name, **result, 'sweep': {'frequency_hz': frequencies, **responses}})

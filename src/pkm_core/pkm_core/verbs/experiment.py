@@ -1,52 +1,52 @@
-"""`pkm experiment`: chapters 7 and 8 of the thesis driven again, every figure beside its own."""
+"""`pkm experiment`: the experiments of chapters 7 and 8 of the thesis, repeated beside its values."""
 
 from contextlib import contextmanager
 from enum import StrEnum
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
+from pkm_core.arrangement import Arrangement
 from pkm_core.errors import PkmError
-from pkm_core.verbs.options import JsonOption, OutOption, folder, write_json
+from pkm_core.files import write_text
+from pkm_core.verbs.console import Output, progress_bar, report_table
+from pkm_core.verbs.options import (
+    ArrangementOption,
+    ClusterOption,
+    JsonOption,
+    OutOption,
+    ProcessesOption,
+    out_folder,
+    write_figures,
+)
 
 
 class What(StrEnum):
-    """Which experiment."""
+    """The experiment: a chapter of the thesis, or the targets of control and learning."""
 
     planar = 'planar'
     four_dof = 'four_dof'
     targets = 'targets'
 
 
-class Arrangement(StrEnum):
-    """Where the loop is closed."""
-
-    simulation = 'simulation'
-    composed = 'composed'
-    processes = 'processes'
-
-
 def experiment(
-    what: Annotated[What, typer.Argument(help='Chapter 7, chapter 8, or what control and learning are to reach.')],
-    seeds: Annotated[int, typer.Option(min=1, help='Noise seeds: 1 to this.')] = 5,
-    cycles: Annotated[int, typer.Option(min=1, help='Cycles that count of each run, after those to converge.')] = 10,
-    arrangement: Annotated[
-        Arrangement, typer.Option(help='Without ROS, or the ROS 2 graph in one process or one a node.')
-    ] = Arrangement.simulation,
-    processes: Annotated[int, typer.Option(min=0, help='Runs without ROS at once; 0 is one a processor.')] = 0,
-    cluster: Annotated[str, typer.Option(help='Address of a dask scheduler for the runs without ROS.')] = '',
+    what: Annotated[What, typer.Argument(help='Chapter 7, chapter 8, or the targets of control and learning.')],
+    seeds: Annotated[int, typer.Option(min=1, help='Number of noise seeds, counted from 1.')] = 5,
+    cycles: Annotated[
+        int, typer.Option(min=1, help='Evaluated cycles per run, after those in which learning converges.')
+    ] = 10,
+    arrangement: ArrangementOption = Arrangement.simulation,
+    processes: ProcessesOption = 0,
+    cluster: ClusterOption = '',
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
     """
     Compare XY stage, computed torque, robust control and learning, with the spread over cycles and noise seeds.
 
-    `planar` gives Tables 7.2 to 7.5, `four_dof` Tables 8.2 and 8.3, with --out also their figures and tables.md; errors
-    of the end point are the laser's alone. `targets` tells which goals are reached and which are not. Every arrangement
-    gives the same bits.
+    `planar` prints Tables 7.2 to 7.5 and `four_dof` Tables 8.2 and 8.3; --out adds their figures and tables.md.
+    End-point errors are measured by the laser. `targets` lists each target and whether it was met. Every arrangement
+    gives the same bits; --processes and --cluster apply to the simulation.
 
     Example: `pkm experiment planar --out runs/planar --json planar.json`
 
@@ -56,74 +56,69 @@ def experiment(
     """
     from pkm_core.experiments.report import markdown
 
-    console, out = Console(), folder(out)
+    console, out = Output(), out_folder(out)
+    workers = processes, cluster
     if what is What.targets:
-        tables, figures = _targets(console, arrangement, seeds, cycles, processes, cluster)
+        tables, figures = _targets(console, arrangement, seeds, cycles, workers)
     else:
-        tables, figures = _study(console, what.value, arrangement.value, seeds, cycles, processes, cluster, out)
+        tables, figures = _study(console, what.value, arrangement, seeds, cycles, workers, out)
     for table in tables:
-        console.print(_rich(table))
+        console.print(report_table(table, align='l'))
     if out:
-        (out / 'tables.md').write_text('\n'.join(markdown(table) for table in tables), encoding='utf-8')
-        console.print(f'tables.md and figures are in {out}', soft_wrap=True)
-    write_json(json_file, figures)
+        write_text(out / 'tables.md', '\n'.join(markdown(table) for table in tables))
+        console.plain(f'tables.md and figures are in {out}')
+    write_figures(json_file, figures)
 
 
-def _study(console, what, arrangement, seeds, cycles, processes, cluster, out):
+def _study(console, what, arrangement, seeds, cycles, workers, out):
+    """Run a chapter and return its tables and figures; `workers` is (--processes, --cluster)."""
     from pkm_core.experiments.condition import conditions, prepared
     from pkm_core.experiments.figures import plot_study
     from pkm_core.experiments.graph_driver import graph_driver
     from pkm_core.experiments.report import study_report
-    from pkm_core.experiments.runs import farm, measure
+    from pkm_core.experiments.runs import measure
     from pkm_core.experiments.study import run_study
-    from pkm_core.parallel import search_executor
 
     def simulate(runs, cycles):
         tasks = [(measure, condition, seed, cycles) for condition, seed in runs]
-        with _progress(console, len(tasks)) as on_done, search_executor(processes, cluster) as executor:
-            return farm(executor, tasks, on_done)
+        return _farm(console, tasks, workers)
 
     def on_graph(runs, cycles):
         with _progress(console, len(runs)) as on_done:
-            return graph_driver()(runs, cycles, arrangement, out, on_done)
+            return graph_driver()(runs, cycles, arrangement.value, out, on_done)
 
     for law in filter(None, (prepared(condition).law for condition in conditions(what))):
         console.print(law.verdict, markup=False, highlight=False)
-    study = run_study(what, arrangement, simulate if arrangement == 'simulation' else on_graph, seeds, cycles)
+    execute = simulate if arrangement is Arrangement.simulation else on_graph
+    study = run_study(what, arrangement.value, execute, seeds, cycles)
     if out:
         plot_study(study, out)
     return study_report(study)
 
 
-def _targets(console, arrangement, seeds, cycles, processes, cluster):
+def _targets(console, arrangement, seeds, cycles, workers):
+    """Run what the targets need and return their table and figures."""
     from pkm_core.experiments.report import targets_report
-    from pkm_core.experiments.runs import farm
     from pkm_core.experiments.targets import target_tasks, targets
-    from pkm_core.parallel import search_executor
 
     if arrangement is not Arrangement.simulation:
-        raise PkmError(f'--arrangement: {arrangement.value} given; targets are driven in simulation')
+        raise PkmError(f'--arrangement: {arrangement} given; targets run in simulation only')
     tasks = target_tasks(seeds, cycles)
-    with _progress(console, len(tasks)) as on_done, search_executor(processes, cluster) as executor:
-        results = farm(executor, list(tasks.values()), on_done)
+    results = _farm(console, list(tasks.values()), workers)
     return targets_report(targets(dict(zip(tasks, results, strict=True))), seeds, cycles)
+
+
+def _farm(console, tasks, workers):
+    """Return the results of `tasks`, run without ROS by the processes or the cluster of `workers`."""
+    from pkm_core.experiments.runs import farm
+    from pkm_core.parallel import search_executor
+
+    with _progress(console, len(tasks)) as on_done, search_executor(*workers) as executor:
+        return farm(executor, tasks, on_done)
 
 
 @contextmanager
 def _progress(console, total):
-    """Show a bar; yields a function that takes the number of runs done and what was done last."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task('runs', total=total)
-        yield lambda done, what='runs': bar.update(task, completed=done, description=what)
-
-
-def _rich(table):
-    made = Table(title=escape(table.title), title_justify='left')
-    for heading in table.headings:
-        made.add_column(escape(heading))
-    for row in table.rows:
-        made.add_row(*map(escape, row))
-    return made
+    """Show a bar; yields a function that takes the number of finished runs and the name of the last one."""
+    with progress_bar(console, total, name='runs') as bar:
+        yield lambda done, what='runs': bar.show(done, what)

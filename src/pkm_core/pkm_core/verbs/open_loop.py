@@ -1,13 +1,12 @@
-"""`pkm open-loop`: the machine under sine forces, without control."""
+"""`pkm open-loop`: response of the machine to sine forces, without control."""
 
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from pkm_core.machines import load_machine
-from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, SeedOption, folder, progress, write_json
+from pkm_core.verbs.console import Output, progress_bar, table
+from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, SeedOption, out_folder, write_figures
 
 
 def open_loop(
@@ -15,33 +14,35 @@ def open_loop(
     environment: Annotated[
         str | None,
         typer.Option(
-            help='Also the whole simulated machine: ideal, nominal, hard, elastic, or any section of its truth.'
+            help='Also simulate the whole machine at this level of imperfections: ideal, nominal, hard, elastic '
+            '(four_dof only), or another section of config/truth.'
         ),
     ] = None,
     belts: Annotated[
-        float | None, typer.Option(min=1.0, help='Also the full model with belts of this stiffness kb [N m/rad].')
+        float | None,
+        typer.Option(min=1.0, help='Also simulate the full model with belts of this stiffness kb [N m/rad].'),
     ] = None,
     seed: SeedOption = 1,
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
     """
-    Play the four sine force cases (5.22)-(5.25) on the rigid machine without losses, and on what else is asked for.
+    Simulate the four sine force cases (5.22)-(5.25) on the rigid machine without losses; options add other models.
 
-    Writes joints and end point over time as picture and CSV, a pair for each case, into --out (Fig. 5.6-5.11).
+    Writes joints and end point over time into --out, one figure and one CSV file per case (Fig. 5.6-5.11).
 
     Example: `pkm open-loop --environment nominal --out runs/open_loop`
 
-    Example: `pkm open-loop --belts 100` shows how far belts let the platforms turn and the end point move.
+    Example: `pkm open-loop --belts 100` prints how far the belts let the platforms turn and the end point move.
     """
     from pkm_core.experiments.open_loop import CASES, integrate, play
     from pkm_core.experiments.open_loop_report import REFERENCE, draw, draw_belts, figures, write_csv
 
-    console, model, out = Console(), load_machine(machine), folder(out)
+    console, model, out = Output(), load_machine(machine), out_folder(out)
     responses, results = {}, {}
-    with progress(console, len(CASES)) as step:
+    with progress_bar(console, len(CASES)) as bar:
         for name, case in CASES.items():
-            step(f'case {case.title}')
+            bar.step(f'case {case.title}')
             responses[name] = {'rigid': integrate(model, case)}
             if belts is not None:
                 responses[name]['belts'] = integrate(model, case, belts)
@@ -57,7 +58,7 @@ def open_loop(
                     draw_belts(out, name, model, case, bending)
                 for kind, each in responses[name].items():
                     write_csv(out / f'open_loop_{name}_{kind}.csv', model, each)
-    write_json(json_file, {'machine': model.name, 'seed': seed, 'belt_stiffness': belts, 'cases': results})
+    write_figures(json_file, {'machine': model.name, 'seed': seed, 'belt_stiffness': belts, 'cases': results})
     console.print(_table('two periods from rest at home; amplitude about the drift', results, CASES, JOINTS))
     console.print(_table('end point', results, CASES, END_POINT))
     bent = {name: {kind: row for kind, row in rows.items() if 'belts' in row} for name, rows in results.items()}
@@ -68,21 +69,20 @@ def open_loop(
     for name, rows in results.items():
         for kind, row in rows.items():
             if row.get('fault'):
-                console.print(f'{CASES[name].title} {kind}: {row["fault"]}', soft_wrap=True)
+                console.plain(f'{CASES[name].title} {kind}: {row["fault"]}')
     if out:
-        console.print(f'figures and CSV are in {out}', soft_wrap=True)
+        console.plain(f'figures and CSV files are in {out}')
 
 
 def _table(title, results, cases, columns):
-    """Return a table with a row for each case and model; `columns` maps headings to a function of the figures."""
-    table = Table(title=title, title_justify='left')
-    for heading in ('case', 'model', *columns):
-        table.add_column(heading, no_wrap=True)
-    for name, rows in results.items():
-        for number, (kind, row) in enumerate(rows.items()):
+    """Return a table with one row per case and model; `columns` maps headings to functions of the figures."""
+    rows: list = []
+    for name, of_case in results.items():
+        for number, (kind, row) in enumerate(of_case.items()):
             cells = (cell(row) for cell in columns.values())
-            table.add_row('' if number else cases[name].title, kind, *cells, end_section=number == len(rows) - 1)
-    return table
+            rows.append(('' if number else cases[name].title, kind, *cells))
+        rows.append(None)
+    return table(title, ['case', 'model', *columns], rows, align='l', no_wrap=True)
 
 
 def _row(key):
@@ -95,14 +95,14 @@ def _left(row):
     return f'{1e3 * row["leaves_travel_s"]:.1f} ms {row.get("leaves_travel_joint") or ""}'
 
 
-JOINTS = {'net d1, d3, d5, d7 \\[mm]': _row('net_mm'), 'amplitude \\[mm]': _row('amplitude_mm')}
-END_POINT = {'span of x, y, z \\[mm], phi \\[deg]': _row('span_mm_deg'), 'leaves its travel': _left}
+JOINTS = {'net d1, d3, d5, d7 [mm]': _row('net_mm'), 'amplitude [mm]': _row('amplitude_mm')}
+END_POINT = {'span of x, y, z [mm], phi [deg]': _row('span_mm_deg'), 'leaves its travel': _left}
 BELTS = {
     heading: lambda row, key=key: f'{row["belts"][key]:.4f}'
     for heading, key in (
-        ('turn \\[deg]', 'largest_turn_deg'),
+        ('turn [deg]', 'largest_turn_deg'),
         ('at rest', 'turn_at_rest_deg'),
-        ('shift \\[um]', 'largest_shift_um'),
+        ('shift [um]', 'largest_shift_um'),
         ('at rest ', 'shift_at_rest_um'),
     )
 }

@@ -1,70 +1,104 @@
-"""What verbs share: common options, progress, the JSON file, the folder of figures."""
+"""Options that several verbs share: one name, one meaning and one help text each; and helpers for their values."""
 
-import json
 import math
-from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from pkm_core.errors import PkmError
-
-MachineOption = Annotated[str, typer.Option(help='Machine of config/machines, or a YAML file.')]
-SeedOption = Annotated[int, typer.Option(min=0, help='Seed of everything random: same seed, same bits.')]
-OutOption = Annotated[Path | None, typer.Option(help='Folder for figures and files; none are written without it.')]
-JsonOption = Annotated[Path | None, typer.Option('--json', help='Also write every figure to this file.')]
+from pkm_core.arrangement import Arrangement
+from pkm_core.config import Configuration
+from pkm_core.errors import ConfigError, PkmError
+from pkm_core.files import writable_folder, write_json
 
 
 def finite(value):
-    """Refuse an option, a number or several, that is not finite; a callback for typer."""
+    """Refuse an option, one number or several, that is not finite; a callback for typer."""
     if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
         raise typer.BadParameter(f'{value} given; expected finite numbers')
     return value
 
 
-@contextmanager
-def progress(console, total):
-    """Show a bar of `total` steps; yields a function that names the step that begins."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task('', total=total)
-        begun = []
-
-        def step(name):
-            bar.update(task, description=name, completed=len(begun))
-            begun.append(name)
-
-        yield step
-
-
-def folder(path):
-    """Return the folder `path`, made if need be, or None for None; `PkmError` if it cannot be written."""
-    if path is not None:
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise PkmError(f'--out: {path}: {error.strerror}') from None
-    return path
-
-
-def write_json(path, figures):
-    """Write the nested dict `figures` to `path`, arrays as lists and NaN as null; nothing if `path` is None."""
-    if path is None:
-        return
+def _laws():
+    """Return the names of the learning laws for a help text."""
     try:
-        path.write_text(json.dumps(_plain(figures), indent=2, allow_nan=False) + '\n', encoding='utf-8')
-    except OSError as error:
-        raise PkmError(f'--json: {path}: {error.strerror}') from None
+        return ', '.join(Configuration.of_environment().names('learning'))
+    except ConfigError:  # help is printed without a configuration too; a verb that needs one reports it
+        return 'a name of config/learning'
 
 
-def _plain(value):
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, 'tolist'):
-        return _plain(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+LAWS = f'Learning law: {_laws()}'
+
+MachineOption = Annotated[str, typer.Option(help='Machine of config/machines, or a YAML file.')]
+MotionOption = Annotated[str, typer.Option(help="Motion of config/motions, or a YAML file; '' is the machine's own.")]
+ControllerOption = Annotated[
+    str, typer.Option(help="Gains: robust or computed_torque (the machine's own), a file of config, or a YAML file.")
+]
+LawOption = Annotated[str, typer.Option(help=f'{LAWS}; or a YAML file.')]
+TuningOption = Annotated[str, typer.Option(help='Targets and limits of config/tuning, or a YAML file.')]
+TolerancesOption = Annotated[str, typer.Option(help='Tolerances of config/design, or a YAML file.')]
+EnvironmentOption = Annotated[
+    str,
+    typer.Option(
+        help='Level of imperfections of the simulated machine: ideal, nominal, hard, elastic (four_dof only), or '
+        'another section of config/truth.'
+    ),
+]
+SeedOption = Annotated[int, typer.Option(min=0, help='Seed of the random numbers; the same seed gives the same bits.')]
+CyclesOption = Annotated[int, typer.Option(min=1, help='Number of learning cycles.')]
+JointsOption = Annotated[list[str] | None, typer.Option(help='Axis to identify, repeatable; default: all.')]
+ModesOption = Annotated[
+    int | None,
+    typer.Option(min=1, max=5, help='Number of resonances to fit; default: as in config/model, 2 for a foreign axis.'),
+]
+NamespaceOption = Annotated[str, typer.Option(help='ROS namespace of the cell.')]
+ProcessesOption = Annotated[int, typer.Option(min=0, help='Number of worker processes; 0: one per processor core.')]
+ClusterOption = Annotated[
+    str,
+    typer.Option(help='Address of a dask scheduler, e.g. tcp://host:8786; its workers replace the local processes.'),
+]
+ArrangementOption = Annotated[
+    Arrangement, typer.Option(help='Simulation without ROS, or the ROS graph in one process or one process per node.')
+]
+CellArrangementOption = Annotated[
+    Literal[Arrangement.composed, Arrangement.processes],
+    typer.Option(help='ROS graph in one process, or one process per node.'),
+]
+OutOption = Annotated[Path | None, typer.Option(help='Folder for figures and files; default: none are written.')]
+RunFolderOption = Annotated[Path | None, typer.Option(help='Folder for the results; default: a new folder in runs/.')]
+JsonOption = Annotated[Path | None, typer.Option('--json', help='Write all figures to this JSON file.')]
+
+
+def out_folder(path):
+    """Return the folder of `--out`, created if missing, or None if the option was not given."""
+    return None if path is None else writable_folder(path)
+
+
+def run_folder(path, name):
+    """Return the folder of `--out`, created if missing; by default a new one in runs/ with date, time and `name`."""
+    return writable_folder(path or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{name}')
+
+
+def write_figures(json_file, figures):
+    """Write the nested dict `figures` to the file of `--json`; nothing if the option was not given."""
+    if json_file is not None:
+        write_json(json_file, figures)
+
+
+def robust_gains(machine, controller):
+    """
+    Return {joint: RobustGains} of `--controller` for a verb that works on robust controllers only.
+
+    Raises
+    ------
+    PkmError
+        If the file is refused, or it holds gains of computed torque.
+
+    """
+    from pkm_core.control.controllers import choose_control, kind_of
+
+    gains = choose_control(machine, controller)
+    if kind_of(gains) != 'robust':
+        raise PkmError(f'--controller: {controller!r} is computed torque; expected gains of robust controllers')
+    return gains

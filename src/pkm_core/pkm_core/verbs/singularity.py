@@ -1,21 +1,19 @@
-"""`pkm singularity`: whether a machine can come to a singular position, and how well it is conditioned."""
+"""`pkm singularity`: proof that the travel has no singular position, and the conditioning of the Jacobian."""
 
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from pkm_core.machines import load_machine
+from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
     SeedOption,
     finite,
-    folder,
-    progress,
-    write_json,
+    out_folder,
+    write_figures,
 )
 
 
@@ -23,18 +21,25 @@ def singularity(
     machine: MachineOption = 'four_dof',
     tolerance: Annotated[
         float,
-        typer.Option(min=1e-4, max=0.5, callback=finite, help='Proven bounds may lie this share below the true ones.'),
+        typer.Option(
+            min=1e-4,
+            max=0.5,
+            callback=finite,
+            help='Largest relative gap between a proven bound and the attained value.',
+        ),
     ] = 0.01,
     length: Annotated[
-        float, typer.Option(min=1e-3, callback=finite, help='Radius at which angles are counted as lengths [mm].')
+        float, typer.Option(min=1e-3, callback=finite, help='Radius that converts angles to lengths [mm].')
     ] = 50.0,
-    samples: Annotated[int, typer.Option(min=1000, help='Positions of the maps and the condition number.')] = 200_000,
+    samples: Annotated[
+        int, typer.Option(min=1000, help='Number of positions for the maps and the condition number.')
+    ] = 200_000,
     seed: SeedOption = 1,
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
     """
-    Prove by interval arithmetic that no singular position lies within the travel, and map determinant and conditioning.
+    Prove by interval arithmetic that the travel has no singular position; map determinant and condition number.
 
     Example: `pkm singularity --out runs/singularity`
     """
@@ -43,18 +48,18 @@ def singularity(
     from pkm_core.design.singularity import certificate, conditioning
     from pkm_core.design.workspace import sample_joints
 
-    console, model, out = Console(), load_machine(machine).drawing, folder(out)
-    with progress(console, 3) as step:
-        step('proof over boxes of joint positions')
+    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
+    with progress_bar(console, 3) as bar:
+        bar.step('proof over boxes of joint positions')
         bounds = certificate(model, tolerance)
-        step('conditioning')
+        bar.step('conditioning')
         q = sample_joints(model, samples, seed)
         determinant = np.linalg.det(model.jacobian(q))
         condition = conditioning(model, q, 1e-3 * length)
         if out:
             from pkm_core.design.singularity_figures import draw_factors, draw_maps
 
-            step('maps')
+            bar.step('maps')
             draw_maps(out, model.forward(q), determinant, condition, 1e-3 * length)
             if model.config.mechanism == 'four_dof':
                 draw_factors(out, model)
@@ -69,19 +74,18 @@ def singularity(
         'angles_at_mm': length,
         'samples': samples,
     }
-    write_json(json_file, figures)
-    table = Table(title=f'{model.name}: lower bounds over the whole travel', title_justify='left')
-    for heading in ('quantity', 'proven above', 'attained', 'boxes'):
-        table.add_column(heading, justify='left' if heading == 'quantity' else 'right')
+    write_figures(json_file, figures)
+    rows = []
     for name, bound in bounds.items():
         scale, unit = (1.0, '') if name == 'abs(det J)' else (1e3, ' mm')
         proven = np.floor(1e5 * scale * bound.proven) / 1e5  # a bound is not rounded up
-        table.add_row(name, f'{proven:.5f}{unit}', f'{scale * bound.attained:.5f}{unit}', str(bound.boxes))
-    console.print(table)
+        rows.append((name, f'{proven:.5f}{unit}', f'{scale * bound.attained:.5f}{unit}', str(bound.boxes)))
+    headings = ['quantity', 'proven above', 'attained', 'boxes']
+    console.print(table(f'{model.name}: lower bounds over the whole travel', headings, rows))
     console.print(f'No singular position within the travel: proven with {figures["boxes"]} boxes.')
     console.print(
         f'{samples} samples: det J {determinant.min():.4g} to {determinant.max():.4g} (SI), condition number '
         f'{condition.min():.2f} to {condition.max():.1f}, median {np.median(condition):.1f}, angles at {length:g} mm'
     )
     if out:
-        console.print(f'figures are in {out}', soft_wrap=True)
+        console.plain(f'figures are in {out}')

@@ -1,70 +1,69 @@
-"""`pkm tune`: search the gains of the robust controllers of a machine."""
+"""`pkm tune`: search for the gains of the robust controllers of a machine."""
 
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from pkm_core.files import write_text
 from pkm_core.machines import load_machine
-from pkm_core.verbs.options import JsonOption, MachineOption, SeedOption, write_json
+from pkm_core.verbs.console import Output, progress_bars, table
+from pkm_core.verbs.margins import margins_table
+from pkm_core.verbs.options import (
+    ClusterOption,
+    JsonOption,
+    MachineOption,
+    ProcessesOption,
+    SeedOption,
+    TuningOption,
+    write_figures,
+)
 
 
 def tune(
-    out: Annotated[Path, typer.Option(help='Folder for the recommended gains, all candidates and pictures.')],
+    out: Annotated[Path, typer.Option(help='Folder for the recommended gains, all candidates and figures.')],
     machine: MachineOption = 'four_dof',
-    tuning: Annotated[str, typer.Option(help='Targets and limits of config/tuning, or a YAML file.')] = 'robust',
+    tuning: TuningOption = 'robust',
     seed: SeedOption = 1,
-    processes: Annotated[int, typer.Option(min=0, help='How many at once; 0 is one a processor.')] = 0,
-    cluster: Annotated[str, typer.Option(help='Address of a dask scheduler that runs the search instead.')] = '',
-    resume: Annotated[Path | None, typer.Option(help='Go on with this search.npz.')] = None,
+    processes: ProcessesOption = 0,
+    cluster: ClusterOption = '',
+    resume: Annotated[Path | None, typer.Option(help='Continue the search of this search.npz.')] = None,
     json_file: JsonOption = None,
 ):
     """
-    Tune every axis of a machine by a genetic algorithm on objective (7.30), with margins as limits.
+    Tune every axis of a machine by a genetic algorithm: objective (7.30), stability margins as constraints.
 
-    Writes OUT/<machine>.yaml, which `--control` and the nodes load, OUT/search.npz with every candidate's figures (what
-    an interrupted search resumes from), OUT/table.md in the form of Tables 7.1 and 8.1, and a picture an axis. The same
-    seed gives the same gains in any number of processes.
+    Writes OUT/<machine>.yaml, which `--controller` and the nodes load; OUT/search.npz with the figures of every
+    candidate, from which an interrupted search resumes; OUT/table.md in the form of Tables 7.1 and 8.1; one figure per
+    axis. The same seed gives the same gains in any number of processes.
 
     Example: `pkm tune --machine four_dof --out runs/tune`
 
     Example: `pkm tune --resume runs/tune/search.npz --out runs/tune`
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from pkm_core.control.margin_plots import model_loops, plot_margins
     from pkm_core.parallel import search_executor
-    from pkm_core.thesis.gains import table_markdown
     from pkm_core.tuning.config import load_tuning
     from pkm_core.tuning.tune import tune as run
-    from pkm_core.verbs.margins import margins_table
 
-    console, system, config = Console(), load_machine(machine), load_tuning(tuning)
+    console, system, config = Output(), load_machine(machine), load_tuning(tuning)
     total = config.search.generations * config.search.restarts
-    columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as bar, search_executor(processes, cluster) as executor:
-        tasks = {joint: bar.add_task(f'{joint} generations', total=total) for joint in system.joints}
+    names = [f'{joint} generations' for joint in system.joints]
+    with progress_bars(console, names, total, keep=True) as bars, search_executor(processes, cluster) as executor:
 
         def on_progress(branches):
-            for joint, task in tasks.items():
+            for joint, bar in zip(system.joints, bars, strict=True):
                 done = sum(branch.generations for branch in branches if branch.joint == joint)
-                bar.update(task, completed=min(done, total))
+                bar.show(min(done, total))
 
         found = run(system, config, seed, executor, out, resume=resume, on_progress=on_progress)
     console.print(
         margins_table(f'{system.name}, tuned', {j: {'nominal': a.margins, 'worst': a.worst} for j, a in found.items()})
     )
-    table = {joint: axis.column for joint, axis in found.items()}
-    (out / 'table.md').write_text(table_markdown(system.name, table), encoding='utf-8')
-    for joint, axis in found.items():
-        loops = model_loops(axis.gains, axis.model, system.sample_time)
-        plot_margins(out / f'margins_{joint}.png', f'{system.name} {joint}, tuned; thin: perturbed models', *loops)
+    _write_files(out, system, found)
     console.print(_objectives(found))
-    console.print(f'gains are in {out / system.name}.yaml, the rest beside it', soft_wrap=True)
-    write_json(
+    console.plain(f'gains are in {out / system.name}.yaml; search.npz, table.md and figures are beside it')
+    write_figures(
         json_file,
         {
             'machine': system.name,
@@ -84,10 +83,17 @@ def tune(
     )
 
 
-def _objectives(found):
-    table = Table(title='objective (7.30)', title_justify='left')
-    for heading in ('axis', 'J', 'candidates'):
-        table.add_column(heading, justify='left' if heading == 'axis' else 'right')
+def _write_files(out, system, found):
+    """Write table.md and one figure per axis into `out`."""
+    from pkm_core.control.margin_plots import model_loops, plot_margins
+    from pkm_core.thesis.gains import table_markdown
+
+    write_text(out / 'table.md', table_markdown(system.name, {joint: axis.column for joint, axis in found.items()}))
     for joint, axis in found.items():
-        table.add_row(joint, f'{axis.objective:.4f}', str(axis.candidates))
-    return table
+        loops = model_loops(axis.gains, axis.model, system.sample_time)
+        plot_margins(out / f'margins_{joint}.png', f'{system.name} {joint}, tuned; thin: perturbed models', *loops)
+
+
+def _objectives(found):
+    rows = [(joint, f'{axis.objective:.4f}', str(axis.candidates)) for joint, axis in found.items()]
+    return table('objective (7.30)', ['axis', 'J', 'candidates'], rows)

@@ -1,31 +1,29 @@
-"""`pkm workspace`: what a machine reaches."""
+"""`pkm workspace`: extremes, volume and shape of the workspace of a machine."""
 
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from pkm_core.machines import load_machine
+from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
     SeedOption,
     finite,
-    folder,
-    progress,
-    write_json,
+    out_folder,
+    write_figures,
 )
 
 
 def workspace(
     machine: MachineOption = 'four_dof',
-    samples: Annotated[int, typer.Option(min=1000, help='Monte-Carlo samples of the joints.')] = 1_000_000,
-    slice_height: Annotated[
-        float, typer.Option(callback=finite, help='Wanted height of a slice, Zd of (3.30) [mm].')
-    ] = 0.4,
+    samples: Annotated[
+        int, typer.Option(min=1000, help='Number of Monte-Carlo samples of the joint positions.')
+    ] = 1_000_000,
+    slice_height: Annotated[float, typer.Option(callback=finite, help='Height of a slice, Zd of (3.30) [mm].')] = 0.4,
     cell: Annotated[
         float, typer.Option(callback=finite, help='Side of a cell of the grid table, rx = ry of (3.31) [mm].')
     ] = 0.5,
@@ -33,48 +31,49 @@ def workspace(
         float, typer.Option(callback=finite, help='phi of the constant-orientation workspace [deg].')
     ] = -45.0,
     dexterous: Annotated[
-        tuple[float, float], typer.Option(callback=finite, help='Every phi between these must be reached [deg].')
+        tuple[float, float],
+        typer.Option(callback=finite, help='Range of phi that a dexterous position must reach [deg].'),
     ] = (-47.0, -43.0),
     seed: SeedOption = 1,
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
     """
-    Tell what a machine reaches: extremes, volume by several methods, constant-orientation and dexterous workspace.
+    Compute the workspace of a machine: extremes, volume by several methods, constant-orientation and dexterous part.
 
-    Writes Fig. 3.1-3.9 of the thesis and the envelope as STL and PLY [mm] into --out.
+    Writes Fig. 3.1-3.9 of the thesis and the envelope as STL and PLY files [mm] into --out.
 
     Example: `pkm workspace --out runs/workspace`
 
-    Example: `pkm workspace --machine planar` checks Table 7.5.
+    Example: `pkm workspace --machine planar` prints Table 7.5 beside the computed box.
     """
     from pkm_core.design.workspace_study import Volume, box_against_thesis, exact_volume, monte_carlo, study_spatial
 
-    console, model, out = Console(), load_machine(machine).drawing, folder(out)
+    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
     spatial = None
-    with progress(console, 7) as step:
-        step('Monte-Carlo samples and slices')
+    with progress_bar(console, 7) as bar:
+        bar.step('Monte-Carlo samples and slices')
         run = monte_carlo(model, samples, 1e-3 * slice_height, 1e-3 * cell, seed)
         if model.config.mechanism == 'four_dof':
-            spatial = study_spatial(model, run, np.radians(orientation), tuple(np.radians(dexterous)), seed, step)
+            spatial = study_spatial(model, run, np.radians(orientation), tuple(np.radians(dexterous)), seed, bar.step)
             unit, volumes = 'mm^3', spatial.volumes
         else:
             exact = Volume(exact_volume(model, seed).value)
             cells = Volume(run.slices.projected_area())
             unit, volumes = 'mm^2', {'exact: integral of abs(det J)': exact, f'{cell:g} mm cells, occupied': cells}
         if out:
-            step('figures')
+            bar.step('figures')
             _draw(out, model, run, spatial)
     ours, thesis = box_against_thesis(model)
     figures = _figures(model, run, samples, unit, volumes, spatial) | {'box_mm': ours, 'box_thesis_mm': thesis}
-    write_json(json_file, figures)
+    write_figures(json_file, figures)
     console.print(_extremes_table(figures))
     console.print(_volumes_table(figures))
     if thesis:
         console.print(f'box in x, y: {ours[0]:.4g} x {ours[1]:.4g} mm; Table 7.5: {thesis[0]:g} x {thesis[1]:g} mm')
     console.print(f'{samples} samples mapped, sliced and outlined in {run.seconds:.2f} s')
     if out:
-        console.print(f'figures and surfaces are in {out}', soft_wrap=True)
+        console.plain(f'figures and surfaces are in {out}')
 
 
 def _draw(out, model, run, spatial):
@@ -120,25 +119,22 @@ def _figures(model, run, samples, unit, volumes, spatial):
 
 
 def _extremes_table(figures):
-    table = Table(title=f'what {figures["machine"]} reaches', title_justify='left')
-    for heading in ('coordinate', '', 'reached', 'at joints \\[mm]'):
-        table.add_column(heading, justify='right' if heading == 'reached' else 'left')
+    rows: list = []
     for name, row in figures['extremes'].items():
         for end in ('lowest', 'highest'):
             joints = '  '.join(f'{value:8.4f}' for value in row[f'joints_{end}_mm'])
-            label = f'{name} \\[{row["unit"]}]' if end == 'lowest' else ''
-            table.add_row(label, end, f'{row[end]:.4f}', joints, end_section=end == 'highest')
-    return table
+            label = f'{name} [{row["unit"]}]' if end == 'lowest' else ''
+            rows.append((label, end, f'{row[end]:.4f}', joints))
+        rows.append(None)
+    headings = ['coordinate', '', 'reached', 'at joints [mm]']
+    return table(f'what {figures["machine"]} reaches', headings, rows, align='llrl')
 
 
 def _volumes_table(figures):
-    table = Table(title='size of the workspace', title_justify='left')
-    table.add_column('method')
-    table.add_column(figures['unit'], justify='right')
-    table.add_column('uncertainty', justify='right')
+    rows = []
     for name, row in figures['volumes'].items():
         spread = f'+- {row["error"]:.2g}' if 'error' in row else ''
         if 'least' in row:
             spread = f'{row["least"]:.0f} to {row["value"]:.0f}'
-        table.add_row(name, f'{row["value"]:.1f}', spread)
-    return table
+        rows.append((name, f'{row["value"]:.1f}', spread))
+    return table('size of the workspace', ['method', figures['unit'], 'uncertainty'], rows)

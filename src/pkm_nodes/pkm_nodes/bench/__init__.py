@@ -1,1 +1,1 @@
-"""How fast the servo tick is, against what the middleware allows; see `pkm bench`."""
+"""Rate of the servo tick against the limit of the middleware; see `pkm bench`."""

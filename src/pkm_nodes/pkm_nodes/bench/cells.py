@@ -1,4 +1,4 @@
-"""The subjects with a whole cell: composed, in processes, with and without recorder and page."""
+"""Subjects of the bench with a complete cell: composed, in processes, with and without recorder and page."""
 
 import os
 import shutil
@@ -22,12 +22,12 @@ from pkm_nodes.clients.cell_processes import CellProcesses
 from pkm_nodes.runtime.node import CYCLE_QOS
 
 _SECOND = 1_000_000_000  # ns
-# what the cell tells of a cycle, and [s, wall] how long the last word may take
+# steps of a cycle that are timed, and [s, wall] until the message on the last one has arrived
 _STEPS = {'sent', 'loaded', 'started', 'finished'}
-_TOLD_TIMEOUT = 10.0
-# [s, wall] the page imports much; it needs a second more to find the cell
-_PAGE_TIMEOUT, _PAGE_LOOKS_AROUND = 60.0, 3.0
-# a browser that takes all the page sends and draws nothing
+_STEPS_TIMEOUT = 10.0
+# [s, wall] until the page listens, most of it imports; and until it has discovered the cell
+_PAGE_TIMEOUT, _PAGE_DISCOVERY = 60.0, 3.0
+# a viewer that receives everything the page sends and draws nothing
 _VIEWER = """
 import signal, sys, viser
 from websockets.sync.client import connect
@@ -39,15 +39,15 @@ with connect(f'ws://127.0.0.1:{sys.argv[1]}', subprotocols=[f'viser-v{viser.__ve
 
 
 class NaiveProcesses(CellProcesses):
-    """The same processes with rclpy's own executor in them."""
+    """The same processes with rclpy's own executor."""
 
     def command(self, executable):
-        """Return the words that start an executable of pkm_nodes in a SingleThreadedExecutor."""
+        """Return the command that starts an executable of pkm_nodes in a SingleThreadedExecutor."""
         return [sys.executable, '-m', 'pkm_nodes.bench.naive', executable]
 
 
 class TimedClient(CellClient):
-    """A client that keeps when the steps of a cycle were said, by the stamps of those who said so."""
+    """A client that stores when the steps of each cycle were published, by the stamps of the publishers."""
 
     def __enter__(self):
         super().__enter__()
@@ -62,23 +62,23 @@ class TimedClient(CellClient):
     def _on_step(self, event, info):
         cycle, stamp = self._cycles.setdefault(event.cycle, {}), info['source_timestamp']
         if event.event == CycleEvent.LOADED:
-            cycle['loaded'] = stamp  # the last joint counts
+            cycle['loaded'] = stamp  # the stamp of the last joint stays
         elif event.event == CycleEvent.STARTED:
             cycle['started'] = stamp
         elif event.event == CycleEvent.FINISHED:
             cycle['finished'], cycle['samples'] = stamp, event.samples
 
     def readers(self, topic):
-        """Return how many nodes of the cell listen to `topic`."""
+        """Return the number of subscriptions of `topic`."""
         return self._node.count_subscribers(topic)
 
     def take_cycles(self, number, check):
-        """Wait for all steps of `number` cycles, return and forget them: dicts of `_STEPS` [ns] and samples."""
+        """Wait for all steps of `number` cycles; return and clear them: dicts of `_STEPS` [ns] and samples."""
         self._spin_until(
             lambda: len(self._complete_cycles()) >= number,
             check,
-            _TOLD_TIMEOUT,
-            f'not every step of {number} cycles was told',
+            _STEPS_TIMEOUT,
+            f'steps of {number} cycles have not all arrived',
         )
         cycles, self._cycles = self._complete_cycles(), {}
         return cycles
@@ -89,7 +89,7 @@ class TimedClient(CellClient):
 
 class Cell:
     """
-    A running cell that is driven through learning cycles, turn by turn.
+    A running cell that executes learning cycles, turn by turn.
 
     Parameters
     ----------
@@ -98,9 +98,9 @@ class Cell:
     arrangement : str
         'composed', 'processes', or 'naive': processes with rclpy's own executor.
     record : bool
-        Whether a recorder listens.
+        Whether a recorder runs.
     page : bool
-        Whether every turn starts the live page, with a viewer; it ends with the turn.
+        Whether the live page runs during every turn, with a viewer.
 
     """
 
@@ -117,15 +117,15 @@ class Cell:
         self._drive(2)  # warm
 
     def readers(self, joint):
-        """Return how many nodes listen to each kind of the joint's tick topics."""
+        """Return the number of subscriptions of the joint's tick topics, by kind."""
         return {kind: self._client.readers(f'/pkm/{joint}/{kind}') for kind in ('encoder', 'command')}
 
     def turn(self, cycles):
         """
-        Return what `cycles` learning cycles took.
+        Run `cycles` learning cycles and return their figures.
 
-        ticks_per_second [1/s] between first and last tick of the cycles, cpu_us_per_tick [us] of all processes over
-        the whole turn, delivery_ms [ms] of every cycle from its trajectory to the last loaded controller.
+        ticks_per_second [1/s]: between first and last tick of the cycles. cpu_us_per_tick [us]: all processes, over
+        the whole turn. delivery_ms [ms]: per cycle, from its trajectory to the last loaded controller.
         """
         with ExitStack() as stack:
             if self._page:
@@ -148,7 +148,7 @@ class Cell:
         return {'memory_mb': sum(int(fields[1]) for fields in statm) * page / 1e6}
 
     def close(self):
-        """End the cell."""
+        """Stop the cell."""
         self._stack.close()
 
     def _drive(self, cycles):
@@ -163,14 +163,14 @@ class Cell:
         return [process.pid for process in self._cell.processes.values()]
 
     def _processor_time(self):
-        """Return the processor time [s] all processes of the cell have had."""
+        """Return the processor time [s] of all processes of the cell."""
         stats = (Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split() for pid in self._pids())
         return sum(int(fields[11]) + int(fields[12]) for fields in stats) / os.sysconf('SC_CLK_TCK')
 
 
 @contextmanager
 def _page():
-    """Show the cell on a page with a viewer."""
+    """Run the live page with a viewer during the block."""
     port = 8400 + int(os.environ.get('ROS_DOMAIN_ID', '0'))
     with _process(Path(sys.prefix) / 'bin' / 'pkm', 'page', '--port', port):
         deadline = monotonic() + _PAGE_TIMEOUT
@@ -179,8 +179,8 @@ def _page():
                 break
             sleep(0.2)
         else:
-            raise PkmError(f'pkm page does not listen on port {port} after {_PAGE_TIMEOUT:.0f} s')
-        sleep(_PAGE_LOOKS_AROUND)
+            raise PkmError(f'pkm page: does not listen on port {port} after {_PAGE_TIMEOUT:.0f} s')
+        sleep(_PAGE_DISCOVERY)
         with _process(sys.executable, '-c', _VIEWER, port):
             sleep(1.0)
             yield
@@ -188,7 +188,7 @@ def _page():
 
 @contextmanager
 def _process(*command):
-    """Run a program for the duration of the block."""
+    """Run a program during the block."""
     started = subprocess.Popen([str(word) for word in command], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     try:
         yield started

@@ -1,10 +1,9 @@
 """
-The bare floor: what the messages of the servo tick cost this middleware when nobody does anything with them.
+The floor: cost of the messages of the servo tick in the middleware, without any work on their content.
 
-One process with the topics of the tick, as many readers on each as the composed cell has, and messages of the same
-size: every tick publishes an encoder sample an axis, waits for and takes all of them, publishes a command an axis,
-waits for and takes all of them. The messages are made beforehand. They are the objects nodes deal in, or, which is
-the least that Python can have, the bytes of them.
+One process with the topics of the tick, as many subscriptions per topic as in the composed cell, and messages of the
+same size. Every tick publishes one encoder sample per axis, takes all of them, publishes one command per axis, takes
+all of them. The messages are created beforehand: as message objects, or as bytes, the minimum in Python.
 """
 
 from itertools import chain
@@ -18,7 +17,7 @@ from rclpy.serialization import serialize_message
 from pkm_interfaces.msg import EncoderSample, MotorCommand
 from pkm_nodes.runtime.node import TICK_QOS
 
-# [s, wall] publishers and subscriptions of one process find each other at once; the rest is reserve
+# [s, wall] publishers and subscriptions of one process connect at once; the rest is margin
 _CONNECTED = 10.0
 _SECOND = 1_000_000_000  # ns
 
@@ -30,9 +29,9 @@ class Floor:
     Parameters
     ----------
     axes : int
-        Of the machine.
+        Number of axes of the machine.
     readers : dict
-        How many nodes listen to each 'encoder' and each 'command'.
+        Number of subscriptions of each 'encoder' and each 'command' topic.
     raw : bool
         Bytes instead of message objects.
 
@@ -54,7 +53,7 @@ class Floor:
         deadline = perf_counter() + _CONNECTED
         while any(p.get_subscription_count() < readers[k] for k, ps in self._publishers.items() for p in ps):
             if perf_counter() > deadline:
-                raise TimeoutError(f'the floor has not connected within {_CONNECTED:.0f} s')
+                raise TimeoutError(f'floor: not connected within {_CONNECTED:.0f} s')
 
     def turn(self, ticks):
         """Return {'ticks_per_second', 'cpu_us_per_tick'} over `ticks` ticks."""
@@ -82,7 +81,7 @@ class Floor:
         return {'ticks_per_second': ticks / seconds, 'cpu_us_per_tick': 1e6 * processor / ticks}
 
     def _step(self, kind):
-        """Return how to publish one message on every topic of `kind`, the message, and how many readers it has."""
+        """Return the publish functions of `kind`, one per topic, the message, and the number of its subscriptions."""
         publishers = [publisher.handle for publisher in self._publishers[kind]]
         message = self._publishers[kind][0].msg_type()
         if self._raw:

@@ -1,4 +1,4 @@
-"""Start a node of the cell in rclpy's own executor: `python -m pkm_nodes.bench.naive machine --ros-args ...`."""
+"""Run a node of the cell in rclpy's own executor: `python -m pkm_nodes.bench.naive machine --ros-args ...`."""
 
 import sys
 from importlib import import_module
@@ -6,11 +6,9 @@ from importlib import import_module
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from pkm_nodes.runtime.node import run
-
 
 def spin(nodes):
-    """Serve `nodes` as `rclpy.spin` does."""
+    """Serve `nodes` in the way of `rclpy.spin`."""
     executor = SingleThreadedExecutor(context=rclpy.get_default_context())
     for node in nodes:
         executor.add_node(node)
@@ -19,4 +17,4 @@ def spin(nodes):
 
 if __name__ == '__main__':
     name = sys.argv.pop(1)
-    sys.exit(run(import_module(f'pkm_nodes.nodes.{name}').make_nodes, spin=spin))
+    import_module(f'pkm_nodes.nodes.{name}').main(spin=spin)

@@ -1,4 +1,4 @@
-"""The subjects without ROS: the plain simulation of the whole cell, and MuJoCo on the mechanism alone."""
+"""Subjects of the bench without ROS: the simulation of the whole cell, and MuJoCo with the mechanism alone."""
 
 from time import perf_counter, process_time
 
@@ -21,7 +21,7 @@ def _timed(function):
 
 
 class Simulation:
-    """The cycles of the cell by `run_cycles`: same mathematics, same bits, no messages."""
+    """The cycles of the cell in `run_cycles`: same mathematics, same bits, no messages."""
 
     def __init__(self, machine):
         self._machine = load_machine(machine)
@@ -35,7 +35,7 @@ class Simulation:
         return _timed(lambda: run_cycles(self._machine, self._trajectory, self._control, self._law, cycles, seed=1))
 
     def turn(self, cycles):
-        """Return ticks/s and processor time a tick of a run of `cycles` learning cycles, from its configuration on."""
+        """Return ticks/s and processor time per tick of `cycles` learning cycles, including the set-up of the run."""
         ticks = cycles * len(self._trajectory)
         seconds, processor = self._run(cycles)
         return {'ticks_per_second': ticks / seconds, 'cpu_us_per_tick': 1e6 * processor / ticks}
@@ -46,9 +46,9 @@ class Simulation:
 
 class Mujoco:
     """
-    The rigid mechanism as MuJoCo steps it, loops closed by constraints: no drives, no control, no messages.
+    The rigid mechanism in MuJoCo, with loops closed by constraints: no drives, no control, no messages.
 
-    One RK4 step a tick, which keeps the path within 2 nm; the plant's own rule and others are in test/bench/plant.py.
+    One RK4 step per tick, which keeps the path within 2 nm; test/bench/plant.py has the plant's integrator and others.
     """
 
     def __init__(self, machine):
@@ -58,7 +58,7 @@ class Mujoco:
         self._chain.step(self._force)  # warm
 
     def turn(self, repetitions):
-        """Return ticks/s and processor time a tick of `repetitions` of 70 ms."""
+        """Return ticks/s and processor time per tick of `repetitions` runs of 70 ms."""
         ticks = repetitions * TICKS
         seconds, processor = _timed(lambda: [self._chain.step(self._force) for _ in range(repetitions)])
         return {'ticks_per_second': ticks / seconds, 'cpu_us_per_tick': 1e6 * processor / ticks}

@@ -1,8 +1,8 @@
 """
-What the bench compares: every subject in a process of its own, so that they can take turns within one run.
+The subjects of the bench: one process per subject, so that subjects take turns within one run.
 
-A subject's process prints one line of JSON when it is ready, then answers every line `[method, argument]` on its
-standard input with a line of JSON, until that ends.
+A subject's process prints one line of JSON when it is ready. It then answers every line `[method, argument]` of its
+standard input with one line of JSON, until the input ends.
 """
 
 import json
@@ -27,12 +27,12 @@ SUBJECTS = {
     'watched': '(b) composed, recorder and page',
 }
 FLOORS = ('floor', 'bytes')
-# those that need a ROS graph of their own
+# subjects that need their own ROS graph
 GRAPHS = (*FLOORS, 'composed', 'processes', 'naive', 'alone', 'watched')
 
 
 class Subject:
-    """The leading side of a subject's process; `readers` is what a floor must know of `composed`."""
+    """Handle of a subject's process; a floor needs `readers`, the subscription counts of `composed`."""
 
     def __init__(self, name, domain, readers=None):
         self.name = name
@@ -49,35 +49,35 @@ class Subject:
 
     @property
     def pid(self):
-        """Of its process."""
+        """Id of its process."""
         return self._process.pid
 
     def word(self):
-        """Wait until it is up and return what it says of itself."""
+        """Wait until it is ready and return its first line."""
         if self._word is None:
             self._word = self._answer()
         return self._word
 
     def ask(self, method, argument):
-        """Return what its `method` answers."""
+        """Return the result of its `method` with `argument`."""
         self._process.stdin.write(json.dumps([method, argument]) + '\n')
         self._process.stdin.flush()
         return self._answer()
 
     def close(self):
-        """End it; wait for it."""
+        """End its process and wait for it."""
         self._process.stdin.close()
         self._process.wait()
 
     def _answer(self):
         line = self._process.stdout.readline()
         if not line:
-            raise PkmError(f'bench: {self.name} has ended with code {self._process.wait()}; see above')
+            raise PkmError(f'bench: {self.name} has ended with code {self._process.wait()}; its messages are above')
         return json.loads(line)
 
 
 def _make(name, readers):
-    """Return the subject of this process and what it says of itself."""
+    """Return the subject of this process and its first line."""
     if name in FLOORS:
         from pkm_nodes.bench.floor import Floor
 
@@ -94,8 +94,8 @@ def _make(name, readers):
 
 
 def main():
-    """Be the subject the command line names."""
-    answers, sys.stdout = sys.stdout, sys.stderr  # what anybody prints is not an answer
+    """Run the subject that the command line names."""
+    answers, sys.stdout = sys.stdout, sys.stderr  # other output is not an answer
     subject, word = _make(sys.argv[1], json.loads(sys.argv[2]))
     try:
         print(json.dumps(word), file=answers, flush=True)

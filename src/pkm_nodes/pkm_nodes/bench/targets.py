@@ -1,4 +1,4 @@
-"""What the bench's figures must reach, and whether they do."""
+"""Targets of the bench: each figure, its bound, and whether it was met."""
 
 from dataclasses import dataclass
 from statistics import median
@@ -6,13 +6,13 @@ from statistics import median
 from pkm_core.machines import load_machine
 from pkm_nodes.bench.subjects import MACHINE
 
-# cycles a goal between two looks at the memory
+# cycles per goal between two measurements of the memory
 MEMORY_STEP = 50
 
 
 @dataclass(frozen=True)
 class Target:
-    """One line of the account: a figure, what it must be, and whether it is; `value` is None if it was not measured."""
+    """A figure and its bound; `value` is None if it was not measured."""
 
     name: str
     value: float | None
@@ -22,7 +22,7 @@ class Target:
 
     @property
     def met(self):
-        """Tell whether the figure is good enough; None if there is none."""
+        """Whether the figure meets its bound; None if it was not measured."""
         if self.value is None:
             return None
         return self.value >= self.bound if self.at_least else self.value <= self.bound
@@ -30,10 +30,10 @@ class Target:
 
 def ratios(turns):
     """
-    Return the ratios of speed between subjects, by ticks per second of wall time and by processor time a tick.
+    Return the ratios of speed between subjects, by ticks per second of wall time and by processor time per tick.
 
-    `turns` holds {'ticks_per_second': [of every turn], ...} by subject. Subjects took turns, so what else the computer
-    did fell on both sides of a ratio; the median over the turns is taken. A ratio is above 1 where the first is faster.
+    `turns` is {subject: {'ticks_per_second': [value of each turn], ...}}. A ratio is the median over the turns; as
+    subjects took turns, other load affected both sides. It is above 1 where the first subject is faster.
     """
     pairs = {
         'composed / floor': ('composed', 'floor'),
@@ -62,9 +62,9 @@ def _median_ratio(turns, figure, first, second):
 
 def growth(memory):
     """
-    Return by how much [MB] the memory has grown over the last four fifths of the series, or None if it is too short.
+    Return the growth of the memory [MB] over the last four fifths of the series, or None if the series is too short.
 
-    The first fifth is left out: there pools and queues reach their size. Ends are means of a tenth of the series each.
+    In the first fifth pools and queues reach their size. The values at both ends are means of a tenth of the series.
     """
     settled = memory[len(memory) // 5 :]
     if len(settled) < 4:
@@ -74,7 +74,7 @@ def growth(memory):
 
 
 def targets(turns, memory):
-    """Return the list of `Target`s for the `turns` of the subjects and the `memory` [MB] every MEMORY_STEP cycles."""
+    """Return the `Target`s for the `turns` of the subjects and the `memory` [MB], one value per MEMORY_STEP cycles."""
     real_time = 1.0 / load_machine(MACHINE).sample_time
     ratio = {name: pair['ticks_per_second'] for name, pair in ratios(turns).items()}
 

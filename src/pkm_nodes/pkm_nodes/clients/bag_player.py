@@ -1,4 +1,4 @@
-"""Publishes recorded messages again, byte for byte and at their pace, with /clock."""
+"""Replays recorded messages: the same bytes at the recorded times, with /clock."""
 
 from time import monotonic, sleep
 
@@ -7,38 +7,40 @@ from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 
 from pkm_core.errors import BagError, PkmError
-from pkm_nodes.ros2.shared import DISCOVERY_TIME, find_interface, wait_for
+from pkm_nodes.messages.interfaces import find_interface
+from pkm_nodes.runtime.discovery import DISCOVERY_TIME, wait_for
 from pkm_nodes.runtime.node import TICK_QOS
 
-# [ns] /clock goes out at 100 Hz of simulated time, as the machine sends it
+# [ns] period of /clock in simulated time, as the machine publishes it
 _CLOCK_PERIOD = 10_000_000
-# [s, wall] until all readers that are known are connected: milliseconds, unless one is just ending
+# [s, wall] until all known subscriptions are connected: milliseconds, unless a subscriber is ending
 _CONNECTED_TIMEOUT = 10.0
-# [s, wall] for the readers to confirm the last messages
+# [s, wall] for the subscribers to acknowledge the last messages
 _DELIVERED_TIMEOUT = 10.0
 
 
 class BagPlayer:
     """
-    Plays messages into the graph of `node`; a topic that a running node publishes is left to that node.
+    Publishes messages into the graph of `node`; topics with another publisher are left to that publisher.
 
     Parameters
     ----------
     node : rclpy.node.Node
+        Owns the publishers.
     messages : list of (str, str, bytes, int)
         Topic, type, serialized message and time [ns], oldest first.
 
     Attributes
     ----------
     left_out : dict of str to list of str
-        Who publishes a topic that is not played.
+        Publishing nodes by topic that is not replayed.
     publishers : dict of str to Publisher
-        By topic that is played.
+        By topic that is replayed.
 
     Raises
     ------
     PkmError
-        If a cell runs in the graph, nothing is left to play, or a type is not installed.
+        If a cell runs in the graph, no topic is left to replay, or a type is not installed.
 
     """
 
@@ -49,12 +51,13 @@ class BagPlayer:
         clocks = [topic for topic in owners if owners[topic] and (topic == '/clock' or topic.endswith('/encoder'))]
         if clocks:
             raise PkmError(
-                f'{clocks[0]} comes from {owners[clocks[0]]}: a cell is running; stop it or take another ROS_DOMAIN_ID'
+                f'{clocks[0]}: published by {owners[clocks[0]]}: a cell is running; '
+                'stop it or set another ROS_DOMAIN_ID'
             )
         self.left_out = {topic: owners[topic] for topic in kinds if owners[topic]}
         self._messages = [message for message in messages if message[0] not in self.left_out]
         if not self._messages:
-            raise PkmError(f'every topic of the bag is published already: {self.left_out}')
+            raise PkmError(f'every topic of the bag has another publisher: {self.left_out}')
         self._clock = node.create_publisher(Clock, '/clock', qos_profile_sensor_data)
         self.publishers = {
             topic: node.create_publisher(_message_class(topic, kind), topic, TICK_QOS)
@@ -67,7 +70,7 @@ class BagPlayer:
         )
 
     def play(self, rate):
-        """Publish everything once, at `rate` simulated seconds a second; return what it took [s, wall]."""
+        """Publish all messages once, at `rate` simulated seconds per second; return the duration [s, wall]."""
         begin, origin = monotonic(), self._messages[0][3]
         clock_due = origin
         for topic, _, data, time in self._messages:
@@ -98,4 +101,4 @@ def _message_class(topic, kind):
     try:
         return find_interface(kind, 'msg')
     except RuntimeError:
-        raise BagError(f'{topic}: has the type {kind}, which is not installed') from None
+        raise BagError(f'{topic}: has type {kind}, which is not installed') from None

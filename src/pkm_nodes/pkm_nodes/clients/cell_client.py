@@ -1,4 +1,4 @@
-"""A client of the cell for scripts: waits until it is up, runs a motion, keeps the account of its cycles."""
+"""A client of the cell for scripts: waits for it, runs a motion, and logs its cycles."""
 
 from dataclasses import dataclass, field
 from math import inf
@@ -21,11 +21,11 @@ from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.presence import Presence
 from pkm_nodes.runtime.node import TICK_QOS, PkmNode
 
-# [s, wall] starting ten processes on a busy two-core machine took 20 s; the rest is reserve
+# [s, wall] ten processes on a busy two-core computer started in 20 s; the rest is margin
 _UP_TIMEOUT = 90.0
-# [s, wall] until somebody who takes the place of a node is said to be missing
+# [s, wall] before missing replacements of nodes are reported
 _PATIENCE = 5.0
-# [s, wall] from the death of a process to the end of the goal: a machine is given up after 20 s, the rest is reserve
+# [s, wall] from the end of a process to the end of the goal: a silent machine ends it after 20 s, the rest is margin
 _DEATH_TIMEOUT = 40.0
 # [s, wall] from the last tick to the closed bag
 _RECORDED_TIMEOUT = 10.0
@@ -33,18 +33,18 @@ _RECORDED_TIMEOUT = 10.0
 
 @dataclass
 class CycleLog:
-    """What the machine and the recorder said about the cycles of one motion."""
+    """Events of the machine and the recorder in the cycles of one motion."""
 
     ticks: int = 0
-    seconds_in_cycles: float = 0.0  # wall time between first and last tick, summed over the cycles
-    seconds: float = 0.0  # wall time from the first tick of the first to the last tick of the last cycle
+    seconds_in_cycles: float = 0.0  # [s, wall] between first and last tick, summed over the cycles
+    seconds: float = 0.0  # [s, wall] from the first tick of the first to the last tick of the last cycle
     bags: list[Path] = field(default_factory=list)
-    unrecorded: list[str] = field(default_factory=list)  # why a cycle has no bag
-    notices: list[str] = field(default_factory=list)  # what the cell has changed by itself, with the cycle
+    unrecorded: list[str] = field(default_factory=list)  # reasons why cycles have no bag
+    notices: list[str] = field(default_factory=list)  # changes that the cell made by itself, with the cycle
 
 
 class CellClient:
-    """Talks to the running cell in `namespace`; use it in a ``with`` block. It owns rclpy's default context."""
+    """Client of the running cell in `namespace`; use it in a ``with`` block. It owns rclpy's default context."""
 
     def __init__(self, namespace=NAMESPACE):
         self._namespace = namespace
@@ -65,7 +65,7 @@ class CellClient:
         rclpy.try_shutdown()
 
     def _begin_log(self):
-        self._log, self._of_goal = CycleLog(), set()  # and the cycles it is of
+        self._log, self._of_goal = CycleLog(), set()  # the log and the numbers of its cycles
         self._started = self._first = None
 
     def _on_event(self, event):
@@ -87,12 +87,12 @@ class CellClient:
             self._log.notices.append(f'cycle {event.cycle}: {event.message}')
 
     def _spin_until(self, condition, check, timeout, what):
-        """Serve ROS until `condition()`; `check()` may raise at any time."""
+        """Serve ROS until `condition()`; `PkmError` from `check()`, or with `what` after `timeout` [s]."""
         if not self._comes_true(condition, check, timeout):
             raise PkmError(f'{what} within {timeout:.0f} s')
 
     def _comes_true(self, condition, check, timeout):
-        """Serve ROS until `condition()`, for so long [s]; tell whether it has come true."""
+        """Serve ROS until `condition()`, at most `timeout` [s]; return whether it became true."""
         deadline = monotonic() + timeout
         while not condition():
             self._executor.spin_once(timeout_sec=0.1)
@@ -102,26 +102,31 @@ class CellClient:
         return True
 
     def wait_until_up(self, check):
-        """Wait for the cell's action server; refuse to share a graph with another cell."""
+        """Wait for the cell's action server; `PkmError` if the namespace has a second cell."""
         self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
         namespace = self._node.get_namespace()
         machines = self._node.get_node_names_and_namespaces().count(('machine', namespace))
         if machines > 1:
             raise PkmError(
-                f'{machines} machines run in {namespace}; stop the other cell, or give this one another namespace'
+                f'{namespace}: {machines} machines run; expected 1. Stop the other cell, or set another namespace'
             )
 
     def wait_for_others(self, cell, tell):
         """
-        Wait for whoever takes the place of the nodes that `cell`, a `CellProcesses`, leaves out.
+        Wait for the replacements of the nodes that `cell`, a `CellProcesses`, leaves out.
 
-        After a moment `tell(text)` says once who is missing. A machine that is not ours need not wait for the recorder:
-        then this does. Return what to call from then on in the place of `cell.check`: it notices when one of them goes.
+        After a few seconds `tell(text)` is called once with the missing ones. A foreign machine need not wait for the
+        recorder; this method does in that case.
+
+        Returns
+        -------
+        check : callable
+            To use instead of `cell.check`: it also raises when a replacement has left.
 
         Raises
         ------
         PkmError
-            If somebody is missing still, or a process of the cell has ended.
+            If a replacement is missing after the timeout, or a process of the cell has ended.
 
         """
         substitutes = Substitutes(self._node, cell)
@@ -132,27 +137,26 @@ class CellClient:
         if not self._comes_true(complete, cell.check, _PATIENCE):
             tell(substitutes.describe_missing())
             if not self._comes_true(complete, cell.check, _UP_TIMEOUT):
-                raise PkmError(f'{substitutes.describe_missing()}\nnobody came within {_UP_TIMEOUT:.0f} s')
+                raise PkmError(f'{substitutes.describe_missing()}\nno replacement within {_UP_TIMEOUT:.0f} s')
         running = [spec.name for spec in cell.nodes]
         if 'recorder' in running and 'machine' not in running:
-            words = []
-            subscription = self._node.create_subscription(UInt64, 'recorder/tick', words.append, TICK_QOS)
+            ready = []
+            subscription = self._node.create_subscription(UInt64, 'recorder/tick', ready.append, TICK_QOS)
             late = 'the recorder did not find every encoder and command'
-            self._spin_until(lambda: words, cell.check, _UP_TIMEOUT, late)
+            self._spin_until(lambda: ready, cell.check, _UP_TIMEOUT, late)
             self._node.destroy_subscription(subscription)
         return substitutes.check
 
     def execute(self, motion, cycles, law, check, on_feedback, *, learned='', record=True):
         """
-        Run `motion` and return the `CycleLog` once the last bag is closed, if there is a recorder to `record` it.
+        Run `motion` and return the `CycleLog`, with `record` after the last bag is closed.
 
-        A cycle that cannot be recorded ends the goal: nobody wants to wait for hundreds more.
-        `learned` names a file of learned feedforward to begin with.
+        A cycle that cannot be recorded ends the goal. `learned` names a file with the feedforward of the first cycle.
 
         Raises
         ------
         PkmError
-            If the goal ends early; the text is the cell's own.
+            If the goal ends early; with the cell's own message.
 
         """
         goal = ExecuteMotion.Goal(motion=str(motion), cycles=cycles, learning_law=law, learned=str(learned))
@@ -176,12 +180,12 @@ class CellClient:
 
     def _wait_for_result(self, goal, action, check, is_enough=lambda: False):
         """
-        Return the answer to a `goal` handle of `action`; it is cancelled when `is_enough()`.
+        Return the result response of a `goal` handle of `action`; the goal is cancelled when `is_enough()`.
 
         Raises
         ------
         PkmError
-            If a process has ended, see `check`, or whoever offers the action: a goal of theirs would never end.
+            If a process has ended, see `check`, or the action server has left: its goal would never end.
 
         """
         answer, server = goal.get_result_async(), Presence(self._node, f'{action}/_action/status')
@@ -195,15 +199,15 @@ class CellClient:
                 goal.cancel_goal_async()
                 self._spin_until(over, check, inf, '')
         except PkmError as death:
-            # a machine that misses the answers of a process that has ended stops safely, and says so
-            self._spin_until(over, lambda: None, _DEATH_TIMEOUT, f'{death}\nand the goal did not end')
+            # a machine without the replies of an ended process makes a safe stop and reports it
+            self._spin_until(over, lambda: None, _DEATH_TIMEOUT, f'{death}\nthe goal did not end')
             raise PkmError(f'{death}\n{answer.result().result.message if answer.done() else ""}'.rstrip()) from None
         if not answer.done():
-            raise PkmError(f'the node that offered {action} is gone, and the goal with it')
+            raise PkmError(f'{action}: its server has left the graph; the goal is lost')
         return answer.result()
 
     def save_learned(self, path, check):
-        """Have the cell save the best of what it has learned last; `PkmError` if it refuses."""
+        """Make the cell save the best feedforward of the last motion to `path`; `PkmError` if it refuses."""
         client = self._node.create_client(SaveLearned, 'learning/save')
         answer = client.call_async(SaveLearned.Request(path=str(path)))
         self._spin_until(answer.done, check, _UP_TIMEOUT, f'{client.srv_name} did not answer')

@@ -1,4 +1,4 @@
-"""The processes of a cell: started from graph.py, watched, and stopped by their ids."""
+"""The processes of a cell: start from the list of graph.py, supervision, and stop by process id."""
 
 import ctypes
 import os
@@ -11,23 +11,23 @@ from pkm_core.config import install_prefixes
 from pkm_core.errors import PkmError
 from pkm_nodes.graph import NAMESPACE, cell_nodes, composed_cell, leave_out
 
-# [s, wall] from the polite signal to the other one
+# [s, wall] from SIGINT to SIGKILL
 _PATIENCE = 10.0
 
 
 def _end_with_parent():
-    """Ask Linux to interrupt this process when its parent ends, however that ends."""
+    """Make Linux send SIGINT to this process when its parent ends, however it ends."""
     set_parent_death_signal = 1  # PR_SET_PDEATHSIG of sys/prctl.h
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGINT)
 
 
 def _executables():
-    """Return the folder of this package's executables, where `ros2 run` finds them."""
+    """Return the folder of this package's executables, in which `ros2 run` finds them."""
     folders = [prefix / 'lib' / 'pkm_nodes' for prefix in install_prefixes()]
     for folder in folders:
         if folder.is_dir():
             return folder
-    raise PkmError(f'pkm_nodes is not installed in any of {[str(folder) for folder in folders]}')
+    raise PkmError(f'pkm_nodes: not installed; searched {[str(folder) for folder in folders]}')
 
 
 class CellProcesses:
@@ -39,15 +39,15 @@ class CellProcesses:
     machine : str
         Machine of config/machines or a file.
     arrangement : str
-        'composed': one process; 'processes': one a node.
+        'composed': one process; 'processes': one process per node.
     namespace : str
-        Where the cell lives in the graph.
+        ROS namespace of the cell.
     control : str
         Choice of the controllers, see `controllers.find_control`.
     seed, environment
         Of the simulated machine.
     folder : Path
-        Gets the bags in ``bags/`` and what the processes print in ``log/``.
+        Gets the bags in ``bags/`` and the output of the processes in ``log/``.
     record : bool
         Whether there is a recorder.
     without : sequence of str
@@ -58,7 +58,7 @@ class CellProcesses:
     Attributes
     ----------
     nodes, left_out : list of NodeSpec
-        Which nodes run here, and which do not.
+        Nodes that this cell runs, and nodes that it does not.
 
     """
 
@@ -82,9 +82,9 @@ class CellProcesses:
         self._namespace = namespace
         self._logs.mkdir(parents=True, exist_ok=True)
         options = {'control': control, 'seed': seed, 'environment': environment, 'folder': str(bags), 'record': record}
-        everyone = cell_nodes(machine, **options)
-        self.nodes = leave_out(everyone, without)
-        self.left_out = [spec for spec in everyone if spec not in self.nodes]
+        nodes = cell_nodes(machine, **options)
+        self.nodes = leave_out(nodes, without)
+        self.left_out = [spec for spec in nodes if spec not in self.nodes]
         specs = [composed_cell(machine, **options, without=without)] if arrangement == 'composed' else self.nodes
         self._specs = {spec.name: spec for spec in specs}
         self.processes = {}
@@ -95,15 +95,15 @@ class CellProcesses:
         return self
 
     def command(self, executable):
-        """Return the words that start an executable of pkm_nodes."""
+        """Return the command that starts an executable of pkm_nodes."""
         return [str(_executables() / executable)]
 
     def arguments(self, spec):
-        """Return the words behind them that make it the node `spec` of this cell."""
+        """Return the arguments that make it the node `spec` of this cell."""
         return spec.arguments({'use_sim_time': True}, self._namespace)
 
     def start(self, name):
-        """Start the process `name`, for the first time or again."""
+        """Start the process `name`; it can be started again after it has ended."""
         spec = self._specs[name]
         with (self._logs / f'{name}.log').open('a') as log:
             self.processes[name] = subprocess.Popen(
@@ -112,7 +112,7 @@ class CellProcesses:
                 stdout=log,
                 env=self._environment,
                 stderr=subprocess.STDOUT,
-                # a Ctrl-C in the terminal is for the one who leads; the cell is stopped in order afterwards
+                # a Ctrl-C in the terminal goes to the parent only, which then stops the cell in order
                 start_new_session=True,
                 preexec_fn=_end_with_parent,  # noqa: PLW1509 (it takes no lock)
             )
@@ -130,7 +130,7 @@ class CellProcesses:
                 process.wait()
 
     def check(self):
-        """Raise `PkmError` with the last lines it printed if a process has ended."""
+        """Raise `PkmError` if a process has ended, with the last lines of its output."""
         for name, process in self.processes.items():
             code = process.poll()
             if code is not None:

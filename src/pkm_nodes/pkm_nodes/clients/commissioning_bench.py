@@ -1,4 +1,4 @@
-"""The bench of `commission` in the graph: a cell of real nodes around the simulated machine."""
+"""The bench of a commissioning in the ROS graph: a cell of nodes around the simulated machine."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,12 +12,11 @@ from pkm_core.errors import PkmError
 from pkm_core.identification.plan import Request
 from pkm_nodes.clients.cell_processes import CellProcesses
 from pkm_nodes.clients.identify_client import IdentifyClient
-from pkm_nodes.verbs.identify_cell import goal_of
 
 
 class CellBench:
     """
-    A cell whose controllers take up the files that are installed when they are told to; use it in a ``with`` block.
+    A cell whose controllers load installed files on request; use it in a ``with`` block.
 
     Parameters
     ----------
@@ -28,7 +27,7 @@ class CellBench:
     arrangement, seed, environment
         As for `CellProcesses`.
     folder : Path
-        Gets a folder a start of the cell: bags, models, what the processes print.
+        Gets one folder per start of the cell: bags, models, logs of the processes.
 
     """
 
@@ -46,9 +45,9 @@ class CellBench:
         self._stack.close()
 
     def start(self, name):
-        """Start the cell; one that runs and is well goes on, and its controllers take up what is installed now."""
+        """Start the cell; a cell that runs without fault keeps running and loads the files that are installed now."""
         if self._is_well:
-            self._is_well = False  # one that refuses leaves some with the old and some with the new
+            self._is_well = False  # after a refusal some nodes have the old files and some the new ones
             self._client.reload(self._joints, self._processes.check)
             self._is_well = True
             return
@@ -66,7 +65,7 @@ class CellBench:
         def on_feedback(feedback):
             on_step(f'identifying: {feedback.experiment or "fits"}', feedback.progress)
 
-        result = self._client.identify(goal_of(Request()), self._processes.check, on_feedback)
+        result = self._client.identify(Request(), self._processes.check, on_feedback)
         responses = {fit.joint: [_response(each) for each in fit.responses] for fit in result.fits}
         return Identified(Path(result.model_file), responses, list(result.warnings))
 
@@ -80,7 +79,7 @@ class CellBench:
         try:
             log = self._client.execute(self._motion, cycles, law, self._processes.check, on_feedback)
         except PkmError:
-            self._is_well = False  # it may stand in a safe stop, or a process may have ended
+            self._is_well = False  # it may be in a safe stop, or a process may have ended
             raise
         return [read_cycle(path).metrics() for path in log.bags]
 

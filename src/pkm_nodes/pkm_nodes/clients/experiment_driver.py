@@ -1,19 +1,19 @@
-"""Experiments on the real graph: every run of `pkm experiment` is a cell of its own, from power-up to its bags."""
+"""Runs of `pkm experiment` in the ROS graph: one cell per run, from power-up to its bags."""
 
-import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from pkm_core.bag.cycle_record import read_cycle
-from pkm_core.bag.reader import writable_folder
 from pkm_core.experiments.condition import prepared
 from pkm_core.experiments.outcome import outcome
+from pkm_core.files import writable_folder
 from pkm_core.learning.store import Learned, origin_of, save
+from pkm_nodes.runtime.discovery import discover_on_this_computer
 
 
 def drive(runs, cycles, arrangement, folder, on_done):
     """Return the `Outcome`s of `runs`, see `pkm_core.experiments.graph_driver.graph_driver`."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    discover_on_this_computer()
     outcomes = []
     with TemporaryDirectory(prefix='pkm_experiment_') as scratch:
         for condition, seed in runs:
@@ -26,7 +26,7 @@ def drive(runs, cycles, arrangement, folder, on_done):
 
 
 def _run(condition, seed, cycles, arrangement, folder):
-    """Return the `CycleRecord`s of a run and what the cell noticed."""
+    """Return the `CycleRecord`s of a run and the notices of the cell."""
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
 

@@ -1,4 +1,4 @@
-"""A client of the cell that can also have its axes identified."""
+"""A client of the cell that also identifies axes and reloads the controllers."""
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
@@ -7,13 +7,14 @@ from std_srvs.srv import Trigger
 from pkm_core.errors import PkmError
 from pkm_interfaces.action import Identify
 from pkm_nodes.clients.cell_client import CellClient
+from pkm_nodes.messages.conversions import experiments_to_msg
 
-# [s, wall] to find the action server in a cell that is up, and for its answer to a goal
+# [s, wall] to find the action server in a running cell, and for its reply to a goal
 _ANSWER_TIMEOUT = 30.0
 
 
 class IdentifyClient(CellClient):
-    """Talks to a running cell; use it in a ``with`` block. It owns rclpy's default context."""
+    """Client of a running cell; use it in a ``with`` block. It owns rclpy's default context."""
 
     def __enter__(self):
         super().__enter__()
@@ -25,7 +26,7 @@ class IdentifyClient(CellClient):
         super().__exit__(*arguments)
 
     def reload(self, joints, check):
-        """Have the running controllers take up what the configuration has now; `PkmError` with all refusals."""
+        """Make the running nodes load the current configuration files; `PkmError` with all refusals."""
         refusals = []
         for name in (*(f'{joint}/reload' for joint in joints), 'learning/reload', 'trajectory_generator/reload'):
             client = self._node.create_client(Trigger, name)
@@ -38,18 +39,26 @@ class IdentifyClient(CellClient):
         if refusals:
             raise PkmError('; '.join(refusals))
 
-    def identify(self, goal, check, on_feedback):
+    def identify(self, request, check, on_feedback):
         """
-        Return the `Identify.Result` of `goal`.
+        Run the experiments of `request` and return the `Identify.Result`.
 
-        `check()` raises when a process of the cell has ended; `on_feedback` gets every `Identify.Feedback`.
+        Parameters
+        ----------
+        request : pkm_core.identification.plan.Request
+            Axes and experiments.
+        check : callable
+            Raises `PkmError` if a process of the cell has ended.
+        on_feedback : callable
+            Called with every `Identify.Feedback`.
 
         Raises
         ------
         PkmError
-            If the goal is refused or ends early; the text is the cell's own.
+            If the goal is refused or ends early; with the cell's own message.
 
         """
+        goal = goal_of(request)
         self._spin_until(self._identify.server_is_ready, check, _ANSWER_TIMEOUT, 'the cell did not offer identify')
         sent = self._identify.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
         self._spin_until(sent.done, check, _ANSWER_TIMEOUT, 'the cell did not answer the goal')
@@ -57,3 +66,16 @@ class IdentifyClient(CellClient):
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             raise PkmError(answer.result.message)
         return answer.result
+
+
+def goal_of(request):
+    """Return a `pkm_core.identification.plan.Request` as a goal of the action identify."""
+    return Identify.Goal(
+        joints=list(request.joints),
+        kind=experiments_to_msg(request.kind),
+        positions=request.positions,
+        band=list(request.band),
+        voltage=request.voltage,
+        jog_speed=request.jog_speed,
+        stroke=request.stroke,
+    )

@@ -1,7 +1,5 @@
 """The whole cell in one process: the nodes of graph.py around one machine, in one lock-step executor."""
 
-import sys
-
 from rclpy.parameter import Parameter
 
 from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, names_in
@@ -14,7 +12,7 @@ from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
-from pkm_nodes.runtime.node import PkmNode, run
+from pkm_nodes.runtime.node import PkmNode, entry_point
 
 NODES = {
     'machine': MachineNode,
@@ -35,8 +33,8 @@ class CellNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('cell', **kwargs)
         self.specs = cell_nodes(
-            self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'),
-            control=self.setting('control', 'robust', "'robust', 'computed_torque', a file of config, or a YAML file"),
+            self.machine_setting(),
+            control=self.control_setting(),
             seed=self.setting('seed', 1, 'seed of everything random in the machine'),
             environment=self.setting('environment', 'nominal', ENVIRONMENTS),
             folder=self.setting('folder', 'bags', "folder of the recorder's bags"),
@@ -46,7 +44,7 @@ class CellNode(PkmNode):
         self.check_settings()
 
 
-def make_nodes():
+def make_cell():
     """Return all nodes of the cell."""
     nodes = [CellNode()]
     use_sim_time = nodes[0].get_parameter('use_sim_time').value
@@ -61,6 +59,4 @@ def make_nodes():
     return nodes
 
 
-def main(args=None):
-    """Run the composed cell."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(make_cell)

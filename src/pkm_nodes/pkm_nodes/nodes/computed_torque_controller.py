@@ -4,7 +4,6 @@ Node `computed_torque_controller`: all axes; answers every encoder tick with one
 One node for all joints, because M(q) couples them. The law is `ComputedTorque` of pkm_core; it does not learn.
 """
 
-import sys
 from functools import partial
 
 import numpy as np
@@ -17,7 +16,7 @@ from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.loaded_config import LoadedConfig
-from pkm_nodes.runtime.node import PkmNode, run
+from pkm_nodes.runtime.node import PkmNode, entry_point
 
 
 class ComputedTorqueControllerNode(PkmNode):
@@ -82,11 +81,4 @@ def _check(message):
         raise PkmError(f'{len(message.feedforward)} values of feedforward: computed torque takes none')
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [ComputedTorqueControllerNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(ComputedTorqueControllerNode)

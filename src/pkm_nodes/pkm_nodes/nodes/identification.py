@@ -6,7 +6,6 @@ writes its bag. The bags of a joint are fitted in another process while the next
 disturbed. Cancelling brakes the machine at once.
 """
 
-import sys
 from array import array
 from contextlib import ExitStack
 from datetime import datetime
@@ -32,7 +31,7 @@ from pkm_interfaces.msg import CycleEvent, Excitation, SampledTrajectory
 from pkm_nodes.messages.conversions import experiments_from_msg, fit_to_msg, trajectory_to_msg
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.presence import Presence
-from pkm_nodes.runtime.node import PkmNode, run
+from pkm_nodes.runtime.node import PkmNode, entry_point
 
 # [s, wall] to find the other nodes, and from the end of a cycle to its closed bag
 _DISCOVERY = 5.0
@@ -44,8 +43,8 @@ class IdentificationNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('identification', **kwargs)
-        self._name = self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
-        self._control = self.setting('control', 'robust', 'of the controllers, as they are started')
+        self._name = self.machine_setting()
+        self._control = self.control_setting()
         self._folder = Path(self.setting('folder', 'identified', 'folder that takes models and pictures'))
         self.check_settings()
         self._machine = load_machine(self._name)
@@ -227,11 +226,4 @@ class IdentificationNode(PkmNode):
         super().destroy_node()
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [IdentificationNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(IdentificationNode)

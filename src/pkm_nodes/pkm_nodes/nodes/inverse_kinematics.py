@@ -1,7 +1,5 @@
 """Node `inverse_kinematics`: pose_trajectory in, joint_trajectory out, once per cycle, position to jerk."""
 
-import sys
-
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.trajectory import to_joints
@@ -14,7 +12,7 @@ from pkm_nodes.messages.conversions import (
     trajectory_to_msg,
 )
 from pkm_nodes.parts.cycle_events import CycleEvents
-from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, run
+from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
 
 
 class InverseKinematicsNode(PkmNode):
@@ -22,7 +20,7 @@ class InverseKinematicsNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('inverse_kinematics', **kwargs)
-        self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        self._machine = load_machine(self.machine_setting())
         self.check_settings()
         self._events = CycleEvents(self, 'inverse_kinematics')
         self._publisher = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
@@ -51,11 +49,4 @@ class InverseKinematicsNode(PkmNode):
         )
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [InverseKinematicsNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(InverseKinematicsNode)

@@ -7,8 +7,6 @@ too small. In a cycle of identification an excitation is added to the voltage; a
 command, and a stop is requested.
 """
 
-import sys
-
 import numpy as np
 
 from pkm_core.control.controllers import choose_control
@@ -26,7 +24,7 @@ from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_g
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.gain_parameters import GainParameters
 from pkm_nodes.parts.loaded_config import LoadedConfig
-from pkm_nodes.runtime.node import PkmNode, run
+from pkm_nodes.runtime.node import PkmNode, entry_point
 
 
 class JointControllerNode(PkmNode):
@@ -152,11 +150,4 @@ class JointControllerNode(PkmNode):
             self._cycles.finish()
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [JointControllerNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(JointControllerNode)

@@ -4,7 +4,6 @@ Node `learning`: the service learning/update; error of one cycle in, feedforward
 The service learning/save writes the best feedforward of the motion learned last to a file.
 """
 
-import sys
 from array import array
 from functools import cache
 
@@ -25,7 +24,7 @@ from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
 from pkm_nodes.messages.conversions import learns, trajectory_from_msg
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.gain_parameters import gains_from_msg
-from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, run
+from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
 
 # [s, wall] wait of learning/save for joints without a request for the last cycle; a joint that has restored an earlier
 # feedforward sends none
@@ -49,10 +48,8 @@ class LearningNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('learning', **kwargs)
-        self._machine = machine = load_machine(
-            self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
-        )
-        self._chosen = self.setting('control', 'robust', 'of the controllers, as they are started')
+        self._machine = machine = load_machine(self.machine_setting())
+        self._chosen = self.control_setting()
         self.check_settings()
         self._control = choose_control(machine, self._chosen)
         self._law = cache(self._make_law)
@@ -164,11 +161,4 @@ class LearningNode(PkmNode):
         return response
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [LearningNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(LearningNode)

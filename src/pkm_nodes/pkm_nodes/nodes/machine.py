@@ -11,7 +11,6 @@ The node converts messages and performs actions. `TickBarrier` decides which ans
 a cycle.
 """
 
-import sys
 from time import monotonic
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -46,7 +45,7 @@ from pkm_nodes.messages.tick_messages import MOTOR_COMMAND
 from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
-from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, run
+from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] /clock is published at 100 Hz of simulated time: ROS tools need no more, and every node receives it
 CLOCK_EVERY = 20
@@ -63,7 +62,7 @@ class MachineNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('machine', **kwargs)
-        machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        machine = load_machine(self.machine_setting())
         seed = self.setting('seed', 1, 'seed of everything random in the machine')
         environment = self.setting('environment', 'nominal', ENVIRONMENTS)
         answer_timeout = self.setting('answer_timeout', 5.0, '[s, wall] wait for the answers of a tick')
@@ -235,12 +234,4 @@ class MachineNode(PkmNode):
         self._diagnostics.publish(message)
 
 
-def make_nodes():
-    """Return the machine, its motors and the laser: one process, because they share one mechanism."""
-    machine = MachineNode()
-    return [machine, *machine.parts]
-
-
-def main(args=None):
-    """Run the machine as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(MachineNode)

@@ -7,7 +7,6 @@ for it neither starts too early nor runs out of its queue. What has become of a 
 NOT_RECORDED event.
 """
 
-import sys
 from shutil import disk_usage
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -24,12 +23,12 @@ from pkm_core.recording.topics import By, recorded_topics
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.messages.conversions import time_of_tick
 from pkm_nodes.messages.diagnostics import FAILURE, STATE, TICK, diagnostics
+from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.graph_parameters import GraphParameters
 from pkm_nodes.parts.loaded_config import CONFIG_HASH
-from pkm_nodes.ros2.shared import find_interface
 from pkm_nodes.runtime.lockstep import PatientGroup
-from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, listen_in, run
+from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point, listen_in
 
 # those of the servo tick, and the states that come with them: deep queues
 _WITH_TICKS = (By.TICK, By.STAMP, By.TIME)
@@ -51,8 +50,8 @@ class RecorderNode(PkmNode):
 
     def __init__(self, neighbours=(), **kwargs):
         super().__init__('recorder', **kwargs)
-        machine = self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file')
-        control = self.setting('control', 'robust', 'choice of the controllers, for the hash in the metadata')
+        machine = self.machine_setting()
+        control = self.control_setting()
         folder = self.setting('folder', 'bags', 'folder that takes one bag a cycle')
         preroll = self.setting('preroll', 1.0, '[s] of simulated time that a snapshot reaches back')
         self.check_settings()
@@ -194,11 +193,4 @@ class RecorderNode(PkmNode):
         super().destroy_node()
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [RecorderNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(RecorderNode)

@@ -5,7 +5,6 @@ pose and joint_states go out always, for the recorder counts on them; twist and 
 well, only while somebody listens.
 """
 
-import sys
 from functools import partial
 from math import cos, sin
 
@@ -24,7 +23,7 @@ from pkm_nodes.messages.conversions import nanoseconds_of_tick
 from pkm_nodes.messages.markers import LinkMarkers
 from pkm_nodes.messages.template import DOUBLE, POSE, STAMP, Template
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE
-from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, run
+from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] markers go out at 20 Hz of simulated time: they cost more than everything else and are for eyes
 MARKERS_EVERY = 100
@@ -37,7 +36,7 @@ class StateEstimatorNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('state_estimator', **kwargs)
-        self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+        self._machine = load_machine(self.machine_setting())
         self.check_settings()
         joints = self._machine.joints
         self._previous = None  # tick, joints and pose of the last published state
@@ -116,11 +115,4 @@ def _rates(now, before, elapsed):
     return [(value - before[name]) / elapsed for name, value in now.items()]
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [StateEstimatorNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(StateEstimatorNode)

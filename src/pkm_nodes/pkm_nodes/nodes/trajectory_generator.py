@@ -9,7 +9,6 @@ planned in joints: its joint_trajectory and excitation are published with its po
 The node plans, converts messages and performs actions. `GoalCycle` decides when to resend and when a cycle has ended.
 """
 
-import sys
 from math import nan
 from pathlib import Path
 from time import monotonic
@@ -35,7 +34,7 @@ from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.presence import Presence
-from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, run
+from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, entry_point
 
 
 class TrajectoryGeneratorNode(PkmNode):
@@ -43,8 +42,8 @@ class TrajectoryGeneratorNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('trajectory_generator', **kwargs)
-        self._machine = load_machine(self.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
-        self._chosen = self.setting('control', 'robust', 'control of the running controllers')
+        self._machine = load_machine(self.machine_setting())
+        self._chosen = self.control_setting()
         self._control = choose_control(self._machine, self._chosen)
         start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')
         metrics_timeout = self.setting('metrics_timeout', 2.0, '[s, wall] from the last tick to the metrics')
@@ -244,11 +243,4 @@ class TrajectoryGeneratorNode(PkmNode):
         super().destroy_node()
 
 
-def make_nodes():
-    """Return this process's node."""
-    return [TrajectoryGeneratorNode()]
-
-
-def main(args=None):
-    """Run the node as a process of its own."""
-    sys.exit(run(make_nodes, args))
+main = entry_point(TrajectoryGeneratorNode)

@@ -60,7 +60,7 @@ def choose_gains(node, kind):
         If `control` is of another kind.
 
     """
-    machine = load_machine(node.setting('machine', 'four_dof', 'machine of config/machines, or a YAML file'))
+    machine = load_machine(node.machine_setting())
     chosen = node.setting('control', kind, f"'{kind}' for the machine's own, a file of config, or a YAML file")
     control = choose_control(machine, chosen)
     if kind_of(control) != kind:

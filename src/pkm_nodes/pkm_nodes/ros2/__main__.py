@@ -1,4 +1,4 @@
-"""`ros2` for a machine without ROS: the verbs used on this cell, with the arguments and output of ros2cli (Jazzy)."""
+"""`ros2` for a computer without ROS: the verbs used with this cell, with arguments and output of ros2cli (Jazzy)."""
 
 import argparse
 import importlib
@@ -20,7 +20,7 @@ COMMANDS = {  # each is a module of this package with add_arguments(parser)
 
 
 def make_parser(argv):
-    """Return the parser with the arguments of the command that argv selects; the other commands are not imported."""
+    """Return the parser with the arguments of the command in `argv`; other commands are not imported."""
     parser = argparse.ArgumentParser(
         prog='ros2',
         description='The part of the ros2 command-line tool that this project uses.',
@@ -42,7 +42,7 @@ def main(argv):
     """Run one command line; return its exit status, or the text of the error that ended it."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(int(signal.SIGTERM)))  # so that a goal is still cancelled
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    if sys.prefix not in prefixes:  # nobody sources a setup file here
+    if sys.prefix not in prefixes:  # no setup file is sourced here
         os.environ['AMENT_PREFIX_PATH'] = os.pathsep.join(filter(None, [*prefixes, sys.prefix]))
     try:
         args = make_parser(argv).parse_args(argv)
@@ -51,7 +51,7 @@ def main(argv):
         return args.main(args)
     except KeyboardInterrupt:
         return int(signal.SIGINT)
-    except BrokenPipeError:  # the reader, such as head, has seen enough
+    except BrokenPipeError:  # the reader of the pipe, such as head, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (RuntimeError, OSError) as error:

@@ -5,8 +5,9 @@ import sys
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 
+from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.ros2.messages import make_message, message_to_yaml, parse_yaml
-from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, find_interface, ros_node, spin_until_done
+from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, ros_node, spin_until_done
 
 
 def add_arguments(parser):
@@ -22,12 +23,12 @@ def add_arguments(parser):
 
 
 def send_goal(args):
-    """Send a goal and print what becomes of it; cancel it when the command is ended early."""
+    """Send a goal, print its status and result; cancel it if the command is interrupted."""
     action = find_interface(args.action_type, 'action')
     values = parse_yaml(sys.stdin.read() if args.stdin else args.goal)
     try:
         goal = make_message(action.Goal, values)
-    except Exception as error:  # whatever a converter says of a value; it is the user's to mend
+    except Exception as error:  # the message of any converter; the user corrects the value
         return f'Failed to populate message fields: {error!r}'
     with ros_node(f'{NODE_PREFIX}_send_goal_{args.action_type.replace("/", "_")}') as node:
         client = ActionClient(node, action, args.action_name)
@@ -38,7 +39,7 @@ def send_goal(args):
         pending = client.send_goal_async(goal, _print_feedback if args.feedback else None)
         try:
             return _follow(node, pending)
-        except BaseException:  # Ctrl-C, SIGTERM, a closed pipe: never leave the machine at work for nobody
+        except BaseException:  # Ctrl-C, SIGTERM, a closed pipe: the machine must not keep moving
             _cancel(node, pending)
             raise
 
@@ -61,7 +62,7 @@ def _follow(node, pending):
 
 
 def _cancel(node, pending):
-    """Cancel the goal if it is not finished, also one whose acceptance is still on its way."""
+    """Cancel the goal unless it is finished; waits for its acceptance if that has not arrived."""
     handle = spin_until_done(node, pending, FIND_TIMEOUT)
     if not handle.accepted or handle.status >= GoalStatus.STATUS_SUCCEEDED:
         return

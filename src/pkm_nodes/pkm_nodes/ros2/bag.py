@@ -29,13 +29,13 @@ class Topic:
 
     @property
     def is_service(self):
-        """Whether it holds the calls of a service."""
+        """Whether it has the calls of a service."""
         return self.name.endswith(SERVICE_TOPIC) and self.type.endswith(SERVICE_TYPE) and '/srv/' in self.type
 
 
 @dataclass
 class Bag:
-    """What a bag says of itself."""
+    """Metadata of a bag."""
 
     files: list[str]
     size: int  # [bytes]
@@ -65,7 +65,7 @@ def _existing(path):
 
 
 def info(args):
-    """Print what a bag folder or an MCAP file holds."""
+    """Print the metadata of a bag folder or an MCAP file."""
     path = args.bag_path
     if (path / 'metadata.yaml').exists():
         bag = read_folder(path)
@@ -105,7 +105,7 @@ def read_folder(path):
 
 
 def read_mcap(path):
-    """Return the Bag of an MCAP file, from its summary or, where a killed recorder left none, from its messages."""
+    """Return the Bag of an MCAP file, from its summary; without one, as of a killed recorder, from its messages."""
     with path.open('rb') as stream:
         try:
             reader = make_reader(stream)
@@ -132,7 +132,7 @@ def read_mcap(path):
 
 
 def _scan(path, stream):
-    """Return schemas, channels, message counts, first and last time [ns] of what is whole in an MCAP file."""
+    """Return schemas, channels, message counts, first and last time [ns] of the complete records of an MCAP file."""
     schemas, channels, counts, times = {}, {}, Counter(), []
     stream.seek(0)
     try:
@@ -144,15 +144,15 @@ def _scan(path, stream):
             elif isinstance(record, Message):
                 counts[record.channel_id] += 1
                 times = [min(record.log_time, *times), max(record.log_time, *times)] if times else [record.log_time] * 2
-    except Exception as error:  # as above; here it ends what is whole
+    except Exception as error:  # as above; the complete records end here
         if not counts:
             raise RuntimeError(f'No plugin detected that could open file {path} ({type(error).__name__})') from error
-    print(f'{path} has no summary, as when its recorder was killed; counted its whole messages', file=sys.stderr)
+    print(f'{path}: no summary, as of a killed recorder; counted the complete messages', file=sys.stderr)
     return schemas, channels, counts, *(times or (0, 0))
 
 
 def describe(bag):
-    """Return the text that `ros2 bag info` prints."""
+    """Return the output of `ros2 bag info`."""
     topics, services = [], []
     for topic in bag.topics:
         kind, count = ('Service', 'Event Count') if topic.is_service else ('Topic', 'Count')

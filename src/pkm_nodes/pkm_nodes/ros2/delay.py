@@ -22,7 +22,7 @@ def add_arguments(parser):
 
 
 def delay(args):
-    """Print the age of a topic's messages, by their header's stamp, every second in which they come, until Ctrl-C."""
+    """Print the age of a topic's messages, by their header stamp, once per second with messages, until Ctrl-C."""
     window = Window(args.window)
     with ros_node(use_sim_time=args.use_sim_time) as node:
 

@@ -7,13 +7,13 @@ import rclpy
 import yaml
 from rclpy.event_handler import SubscriptionEventCallbacks
 
+from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.ros2.messages import message_to_csv, message_to_yaml
 from pkm_nodes.ros2.qos import add_qos_arguments, choose_qos
 from pkm_nodes.ros2.shared import (
     FIND_TIMEOUT,
     TOPIC_HELP,
     add_graph_arguments,
-    find_interface,
     find_topic_class,
     message_filter,
     number,
@@ -23,7 +23,7 @@ from pkm_nodes.ros2.shared import (
 )
 from pkm_nodes.ros2.timing import RECEIVED_HERE, Intervals
 
-# [messages] whose intervals are told at the end
+# [messages] whose intervals are printed at the end
 _WINDOW = 10_000
 
 
@@ -108,7 +108,7 @@ def echo(args):
 
 
 def _select(msg, fields):
-    """Return the field of a field of ... the message."""
+    """Return the nested field `fields` of the message."""
     for name in fields:
         try:
             msg = getattr(msg, name)
@@ -118,7 +118,7 @@ def _select(msg, fields):
 
 
 def _print(value, info, args):
-    """Print a message, or a plain field of one, the way the arguments ask for."""
+    """Print a message or one of its fields in the format of the arguments."""
     options = dict(
         truncate_length=None if args.full_length else args.truncate_length, no_arr=args.no_arr, no_str=args.no_str
     )

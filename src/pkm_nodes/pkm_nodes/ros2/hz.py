@@ -26,7 +26,7 @@ def add_arguments(parser):
 
 
 def hz(args):
-    """Print the rate of a topic every second in which messages come, until Ctrl-C."""
+    """Print the rate of a topic once per second with messages, until Ctrl-C."""
     passes = message_filter(args.filter)
     intervals = Intervals(args.window)
     with ros_node(use_sim_time=args.use_sim_time) as node:
@@ -39,7 +39,7 @@ def hz(args):
         wait_for_publishers(node, args.topic_name, args.spin_time)
         message_class = find_topic_class(node, args.topic_name)
         print(f'intervals are {RECEIVED_HERE}', file=sys.stderr)
-        # without a filter the bytes are enough, which keeps up with faster topics
+        # without a filter the bytes are enough, and faster topics can be measured
         node.create_subscription(
             message_class, args.topic_name, on_message, qos_profile_sensor_data, raw=args.filter is None
         )

@@ -1,4 +1,4 @@
-"""Messages to YAML and CSV and back, in the form of ros2cli; the package that does it there is not on PyPI."""
+"""Messages as YAML and CSV and back, in the form of ros2cli; the package that ros2cli uses is not on PyPI."""
 
 import array
 import sys
@@ -7,7 +7,7 @@ import numpy as np
 import yaml
 from rosidl_parser.definition import AbstractNestedType, AbstractWString, Array, BoundedSequence, NamespacedType
 
-from pkm_nodes.ros2.shared import find_interface
+from pkm_nodes.messages.interfaces import find_interface
 
 
 def parse_yaml(text):
@@ -19,7 +19,7 @@ def parse_yaml(text):
 
 
 class _Dumper(yaml.Dumper):
-    """Writes a message as a block even in flow style, and bytes as text, one character a byte."""
+    """Writes a message as a block even in flow style, and bytes as text, one character per byte."""
 
 
 _Dumper.add_representer(
@@ -90,7 +90,7 @@ def _array_summary(slot_type, length):
 
 
 def make_message(message_class, values):
-    """Return a message with the fields of the dictionary values; what does not fit its type is refused."""
+    """Return a message with the fields of the dictionary `values`; a value of another type raises."""
     if not isinstance(values, dict):
         raise TypeError(f"Value '{values}' is expected to be a dictionary but is a {type(values).__name__}")
     msg = message_class(check_fields=True)
@@ -101,7 +101,7 @@ def make_message(message_class, values):
 
 
 def _field_value(default, value, slot_type):
-    """Return value as the type of a field that now holds default."""
+    """Return `value` in the type of a field whose default is `default`."""
     if hasattr(default, 'SLOT_TYPES'):
         return make_message(type(default), value)
     if isinstance(default, array.array):

@@ -18,8 +18,8 @@ from pkm_nodes.ros2.shared import (
     add_graph_arguments,
     ros_node,
     spin_until_done,
-    wait_for,
 )
+from pkm_nodes.runtime.discovery import wait_for
 
 TYPES = {  # how `list --param-type` and `get` name a type
     ParameterType.PARAMETER_NOT_SET: ('not set', 'Parameter not set.'),
@@ -83,7 +83,7 @@ def get(args):
 
 
 def set_(args):
-    """Set one parameter and print the answer of its node; a refusal is no error of the tool, as in ros2cli."""
+    """Set one parameter and print the reply of its node; a refusal does not change the exit code, as in ros2cli."""
     parameter = Parameter(name=args.parameter_name, value=_parameter_value(args.value))
     with _parameters_of(args) as (node, client):
         result = _answer(node, client.set_parameters([parameter])).results[0]
@@ -126,13 +126,13 @@ def _print_parameters(node, node_name, args):
 
 @contextlib.contextmanager
 def _parameters_of(args):
-    """Yield a node and a client of the parameters of the node that args name."""
+    """Yield a node and a parameter client of the node named in `args`."""
     with ros_node(use_sim_time=args.use_sim_time) as node:
         yield node, _client(node, _find_node(node, args, max(args.spin_time, args.timeout)))
 
 
 def _find_node(node, args, timeout):
-    """Return the full name of the node that args name, once it is in the graph."""
+    """Return the full name of the node named in `args` as soon as it is in the graph."""
     name = f'/{args.node_name.removeprefix("/")}'
     if not wait_for(lambda: name in [full for *_, full in node_names(node, args.include_hidden_nodes)], timeout):
         raise RuntimeError('Node not found')
@@ -151,7 +151,7 @@ def _answer(node, future):
 
 
 def _parameter_value(text):
-    """Return the ParameterValue of a command-line text; what is no ROS value, such as a YAML date, is a string."""
+    """Return the ParameterValue of a command-line text; a value without ROS type, such as a YAML date, is a string."""
     checked = ParameterValue(check_fields=True)
     try:
         guess = get_parameter_value(text)
@@ -166,4 +166,4 @@ def _pattern(text):
     try:
         return re.compile(text)
     except re.error as error:
-        raise argparse.ArgumentTypeError(f"'{text}' is no regular expression: {error}") from error
+        raise argparse.ArgumentTypeError(f"'{text}' is not a regular expression: {error}") from error

@@ -1,4 +1,4 @@
-"""Quality of service of a subscription: what the command line asks for, or what fits the publishers."""
+"""Quality of service of a subscription: from the command line, or compatible with all publishers."""
 
 from rclpy.duration import Duration
 from rclpy.qos import (
@@ -52,7 +52,7 @@ def add_qos_arguments(parser):
 
 
 def choose_qos(node, topic_name, args):
-    """Return the profile of the --qos-* arguments or, without any beyond --qos-profile, one for all publishers."""
+    """Return the profile of the --qos-* arguments; with at most --qos-profile, one that fits all publishers."""
     profile = QoSPresetProfiles.get_from_short_key(args.qos_profile)
     asked = {name: getattr(args, f'qos_{name}') for name in POLICIES if getattr(args, f'qos_{name}') is not None}
     lease, depth = args.qos_liveliness_lease_duration_seconds, args.qos_depth
@@ -68,7 +68,7 @@ def choose_qos(node, topic_name, args):
 
 
 def _match_publishers(profile, publishers):
-    """Take the strong policy where all publishers offer it; it would shut out a publisher that does not."""
+    """Set the strong policy where all publishers offer it; it is incompatible with a publisher that does not."""
     for name, (strong, weak) in STRONG_AND_WEAK.items() if publishers else ():
         offered = [getattr(publisher.qos_profile, name) == strong for publisher in publishers]
         setattr(profile, name, strong if all(offered) else weak)

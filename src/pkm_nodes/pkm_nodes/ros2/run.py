@@ -22,7 +22,7 @@ def add_arguments(parser):
 
 
 def find_executables(package, executable):
-    """Return the paths of the executables of that name below lib/package."""
+    """Return the paths of the executables of this name below lib/package."""
     try:
         prefix = get_package_prefix(package)
     except (PackageNotFoundError, ValueError):
@@ -36,12 +36,12 @@ def find_executables(package, executable):
 
 
 def run(args):
-    """Become the executable, so that signals and the exit status are its own."""
+    """Replace this process by the executable, which gets its signals and sets its exit status."""
     paths = find_executables(args.package_name, args.executable_name)
     if not paths:
         return 'No executable found'
     if len(paths) > 1:
         return '\n- '.join(['Multiple executables found:', *paths])
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores it, and exec would hand that on
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores it, and exec would keep that
     command = [*shlex.split(args.prefix or ''), paths[0], *args.argv]
     return os.execvp(command[0], command)

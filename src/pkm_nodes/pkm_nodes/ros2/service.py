@@ -3,8 +3,9 @@
 import sys
 import time
 
+from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.ros2.messages import make_message, parse_yaml
-from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, find_interface, ros_node, spin_until_done
+from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, ros_node, spin_until_done
 
 
 def add_arguments(parser):
@@ -34,7 +35,7 @@ def call(args):
     values = parse_yaml(sys.stdin.read() if args.stdin else args.values)
     try:
         request = make_message(service.Request, values)
-    except Exception as error:  # whatever a converter says of a value; it is the user's to mend
+    except Exception as error:  # the message of any converter; the user corrects the value
         return f'Failed to populate field: {error}'
     package, *_, name = args.service_type.split('/')
     with ros_node(f'{NODE_PREFIX}_requester_{package}_{name}') as node:

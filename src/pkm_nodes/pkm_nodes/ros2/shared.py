@@ -1,26 +1,20 @@
-"""What the verbs share. rclpy is imported where it is needed, so that `run` and `bag` start without it."""
+"""Arguments, nodes and waiting of the verbs. rclpy is imported on use, so that `run` and `bag` start without it."""
 
 import argparse
 import contextlib
-import importlib
 import os
 import time
 
-DISCOVERY_TIME = 3.5  # [s] to know the graph without a daemon: Fast DDS announces a process every 3 s
-FIND_TIMEOUT = 5.0  # [s] a topic, service or action named on the command line is waited for so long
-POLL = 0.1  # [s] signals are answered within this time
+from pkm_nodes.messages.interfaces import find_interface
+from pkm_nodes.runtime.discovery import DISCOVERY_TIME, POLL, wait_for
+
+FIND_TIMEOUT = 5.0  # [s] to find a topic, service or action that the command line names
 TOPIC_HELP = "Name of the ROS topic to listen to (e.g. '/chatter')"
 NODE_PREFIX = '_ros2cli'  # the underscore keeps these nodes out of `node list`
 
-KINDS = {  # what makes a Python class an interface of that kind
-    'msg': ('message', ['SLOT_TYPES']),
-    'srv': ('service', ['Request', 'Response']),
-    'action': ('action', ['Goal', 'Result', 'Feedback']),
-}
-
 
 def add_commands(parser, commands):
-    """Give parser the sub-commands {name: description}, listed as ros2cli lists them; return {name: its parser}."""
+    """Add the sub-commands {name: description} to `parser`, listed as in ros2cli; return {name: its parser}."""
     width = max(map(len, commands))
     group = parser.add_subparsers(
         title='Commands',
@@ -35,7 +29,7 @@ def add_commands(parser, commands):
 
 
 def add_graph_arguments(parser, spin_time=DISCOVERY_TIME):
-    """Add the arguments of every verb that looks at the running graph."""
+    """Add the arguments of all verbs that inspect the running graph."""
     parser.add_argument(
         '--spin-time',
         type=number(float, lambda seconds: seconds >= 0, 'non-negative'),
@@ -47,7 +41,7 @@ def add_graph_arguments(parser, spin_time=DISCOVERY_TIME):
 
 
 def number(kind, accepts, wanted):
-    """Return an argparse type for the numbers of a kind that accepts() lets pass."""
+    """Return an argparse type: numbers of type `kind` for which `accepts(number)` is true."""
 
     def parse(text):
         with contextlib.suppress(ValueError):
@@ -58,24 +52,9 @@ def number(kind, accepts, wanted):
     return parse
 
 
-def find_interface(type_name, kind):
-    """Return the Python class of 'package/Name' or 'package/kind/Name'; kind is msg, srv or action."""
-    word, members = KINDS[kind]
-    parts = type_name.split('/')
-    if len(parts) == 2:
-        parts.insert(1, kind)
-    try:
-        interface = getattr(importlib.import_module('.'.join(parts[:-1])), parts[-1])
-    except (AttributeError, ImportError, TypeError, ValueError):
-        interface = None
-    if not all(hasattr(interface, member) for member in members):
-        raise RuntimeError(f'The passed {word} type is invalid')
-    return interface
-
-
 @contextlib.contextmanager
 def ros_node(name=f'{NODE_PREFIX}_{os.getpid()}', use_sim_time=False):
-    """Open a node for one command. Ctrl-C stays a KeyboardInterrupt with ROS alive, so a goal can be cancelled."""
+    """Open a node for one command. Ctrl-C raises KeyboardInterrupt and leaves ROS up: a goal can be cancelled."""
     import rclpy
     from rclpy.exceptions import NameValidationException
     from rclpy.signals import SignalHandlerOptions
@@ -86,18 +65,10 @@ def ros_node(name=f'{NODE_PREFIX}_{os.getpid()}', use_sim_time=False):
         node = rclpy.create_node(name, start_parameter_services=False, parameter_overrides=[sim_time])
         yield node
         node.destroy_node()
-    except (NameValidationException, ValueError) as error:  # the ways in which rclpy refuses a name
+    except (NameValidationException, ValueError) as error:  # rclpy refuses a name with either
         raise RuntimeError(str(error)) from error
     finally:
         rclpy.try_shutdown()
-
-
-def wait_for(found, timeout):
-    """Poll found() until it returns something true, for the timeout [s] at most; return its last answer."""
-    deadline = time.monotonic() + timeout
-    while not (answer := found()) and time.monotonic() < deadline:
-        time.sleep(POLL)
-    return answer
 
 
 def spin_until_done(node, future, timeout=float('inf')):
@@ -113,7 +84,7 @@ def spin_until_done(node, future, timeout=float('inf')):
 
 
 def wait_for_publishers(node, topic_name, timeout):
-    """Wait for the first publisher of a topic, and a moment more for others."""
+    """Wait for the first publisher of a topic, then one poll more for others."""
     if wait_for(lambda: node.count_publishers(topic_name), timeout):
         time.sleep(POLL)
 
@@ -133,7 +104,7 @@ def find_topic_class(node, topic_name):
 
 
 def message_filter(expression):
-    """Return the predicate of a message m that a Python expression of the command line states; None passes all."""
+    """Return the predicate of a message m that a Python expression of the command line defines; None accepts all."""
     if expression is None:
         return lambda msg: True
     try:

@@ -1,4 +1,4 @@
-"""Times as `ros2 topic hz`, `delay` and `echo` tell them: over a window of messages, where these are received."""
+"""Time statistics of `ros2 topic hz`, `delay` and `echo`: over a window of messages, at the receiver."""
 
 from collections import deque
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from pkm_nodes.ros2.shared import FIND_TIMEOUT, TOPIC_HELP, add_graph_arguments, number
 
-RECEIVED_HERE = 'measured where the messages are received, here: what is lost on the way or waits here shows in them'
+RECEIVED_HERE = 'measured at this receiver: lost messages and waiting in this process are included'
 _SHARES = (50, 95, 99)
 
 
 def add_window_arguments(parser, what):
-    """Add the arguments of a verb that tells `what` of a topic over a window of messages."""
+    """Add the arguments of a verb that measures `what` of a topic over a window of messages."""
     add_graph_arguments(parser, FIND_TIMEOUT)
     parser.add_argument('topic_name', help=TOPIC_HELP)
     parser.add_argument(
@@ -25,12 +25,12 @@ def add_window_arguments(parser, what):
 
 class Window:
     """
-    The last `size` times [ns] and what to say of them, at most once a second.
+    The last `size` times [ns] and their statistics, reported at most once per second.
 
     Attributes
     ----------
     times : deque of int
-        [ns]
+        [ns], oldest first.
 
     """
 
@@ -39,12 +39,12 @@ class Window:
         self._reported = None  # [ns]
 
     def clear(self):
-        """Begin anew, as when simulated time was reset."""
+        """Clear all times, for example after a reset of simulated time."""
         self.times.clear()
         self._reported = None
 
     def is_due(self, now):
-        """Tell whether at the time `now` [ns] the last report is a second old."""
+        """Return whether at the time `now` [ns] the last report is at least one second old."""
         if self._reported is None:
             self._reported = now
         if now - self._reported < 1e9:
@@ -65,7 +65,7 @@ class Window:
         )
 
     def percentiles(self):
-        """Return the percentiles in words."""
+        """Return the percentiles as text."""
         values = np.percentile(np.array(self.times) * 1e-3, _SHARES)
         return ' '.join(f'{share} %: {value:.0f}us' for share, value in zip(_SHARES, values, strict=True))
 
@@ -78,7 +78,7 @@ class Intervals:
         self._last = None  # [ns] time of the last message
 
     def count(self, now):
-        """Count a message at the time `now` [ns]; return a report, at most one a second."""
+        """Count a message at the time `now` [ns]; return a report at most once per second, else None."""
         if self._last is None or now < self._last:  # the first, or simulated time was reset
             self.window.clear()
             self._last = now

@@ -39,6 +39,10 @@ LAST_VALUE_QOS = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 
+# descriptions of parameters that several nodes and the launch file have
+MACHINE = 'machine of config/machines, or a YAML file'
+CONTROL = "choice of the controllers: 'robust', 'computed_torque', a file of config/control, or a YAML file"
+
 
 class PkmNode(Node):
     """
@@ -71,6 +75,14 @@ class PkmNode(Node):
                 f'({description})'
             )
         return value
+
+    def machine_setting(self):
+        """Declare the parameter `machine` and return its value, a name or a file."""
+        return self.setting('machine', 'four_dof', MACHINE)
+
+    def control_setting(self):
+        """Declare the parameter `control` and return its value, as `find_control` takes it."""
+        return self.setting('control', 'robust', CONTROL)
 
     def tunable(self, name, default, description):
         """Declare the parameter `name`, which may be set while the node runs, and return its value."""
@@ -158,3 +170,30 @@ def run(make_nodes, args=None, *, spin=spin):
         with suppress(RCLError):  # the signal handler's thread may be faster
             rclpy.try_shutdown()
     return 0
+
+
+def entry_point(make):
+    """
+    Return the function `main` of an executable.
+
+    Parameters
+    ----------
+    make : callable
+        The class of the node, or a function that returns all nodes of the process. The nodes in the attribute `parts`
+        of a single node run in the same process.
+
+    Returns
+    -------
+    main : callable
+        ``main(args=None, *, spin=spin)`` runs the nodes, see `run`, and ends the process with the exit code.
+
+    """
+
+    def make_nodes():
+        made = make()
+        return made if isinstance(made, list) else [made, *getattr(made, 'parts', ())]
+
+    def main(args=None, *, spin=spin):
+        sys.exit(run(make_nodes, args, spin=spin))
+
+    return main

@@ -1,25 +1,26 @@
 """`pkm page`: the live page of a running cell."""
 
-import os
 from typing import Annotated
 
 import typer
 
+from pkm_nodes.runtime.discovery import discover_on_this_computer
+
 
 def page(
-    port: Annotated[int, typer.Option(min=1, max=65535, help='Port of the page.')] = 8080,
+    port: Annotated[int, typer.Option(min=1, max=65535, help='TCP port of the page.')] = 8080,
     host: Annotated[
-        str, typer.Option(help='Address to listen on; 0.0.0.0 lets other computers see and press buttons.')
+        str, typer.Option(help='Address to listen on; 0.0.0.0 lets other computers view and operate the cell.')
     ] = '127.0.0.1',
 ):
     """
-    Show the running cell in a browser: the machine moving, errors, currents, nodes; run, jog, stop, reset.
+    Show the running cell in a browser: 3D view, errors, currents and nodes; buttons run, jog, stop, reset.
 
-    Attaches to the cell of this ROS_DOMAIN_ID, now or whenever one starts, also to that of `pkm run`.
+    Attaches to the cell of this ROS_DOMAIN_ID, for example that of `pkm run`; the cell may start later.
 
     Example: `pkm page --port 8080`
     """
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    discover_on_this_computer()
     from pkm_nodes.nodes.dashboard import show
 
     show(['--ros-args', '-p', f'port:={port}', '-p', f'host:={host}'])

@@ -1,0 +1,27 @@
+"""Discovery of the ROS graph: its range, and waiting for it. Needs no rclpy."""
+
+import os
+import time
+
+# [s] until a new node knows the graph: Fast DDS announces a process every 3 s
+DISCOVERY_TIME = 3.5
+# [s] between two looks at the graph; signals are answered within this time
+POLL = 0.1
+
+
+def discover_on_this_computer():
+    """
+    Limit discovery to this computer, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
+
+    Call it before rclpy is initialised; processes started later inherit it. Cells of two computers on one network would
+    otherwise meet.
+    """
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+
+def wait_for(found, timeout):
+    """Poll `found()` until it returns something true, at most `timeout` [s]; return its last answer."""
+    deadline = time.monotonic() + timeout
+    while not (answer := found()) and time.monotonic() < deadline:
+        time.sleep(POLL)
+    return answer

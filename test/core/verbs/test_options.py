@@ -1,0 +1,60 @@
+"""Options of the verbs: one name, one type and one help text for one meaning."""
+
+import json
+from importlib.metadata import entry_points
+
+import pytest
+import typer
+
+from pkm_core.errors import PkmError
+from pkm_core.machines import load_machine
+from pkm_core.verbs.options import robust_gains, run_folder, write_figures
+
+# --out of `pkm tune` is required, that of `report` is relative to its argument, that of `parameters` is a file;
+# --arrangement has the simulation where there is one; the other options have their own meaning in each verb
+OWN = {
+    *('--out', '--arrangement', '--samples', '--tolerance', '--cycles', '--law', '--environment', '--without'),
+    *('--poses', '--band', '--help'),
+}
+
+
+def options():
+    """Yield (verb, option, help) of every option of every verb."""
+    for entry in entry_points(group='pkm.verbs'):
+        app = typer.Typer(add_completion=False)
+        app.command()(entry.load())
+        for parameter in typer.main.get_command(app).params:
+            for name in parameter.opts:
+                yield entry.name, name, parameter.help
+
+
+def test_one_option_has_one_help_text():
+    texts = {}
+    for verb, name, text in options():
+        if name.startswith('--') and name not in OWN:
+            texts.setdefault(name, {}).setdefault(text, []).append(verb)
+    assert {name: verbs for name, verbs in texts.items() if len(verbs) > 1} == {}
+
+
+@pytest.mark.parametrize('old', ['--control', '--scheduler'])
+def test_former_names_of_options_are_gone(old):
+    assert [verb for verb, name, _ in options() if name == old] == []
+
+
+def test_gains_of_computed_torque_are_refused_where_robust_ones_are_needed():
+    with pytest.raises(PkmError, match=r"^--controller: 'computed_torque' is computed torque; expected gains of"):
+        robust_gains(load_machine('planar'), 'computed_torque')
+
+
+def test_folder_of_a_run_is_new_and_named_after_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = run_folder(None, 'planar')
+    assert folder.parent.name == 'runs'
+    assert folder.name.endswith('_planar')
+    assert folder.is_dir()
+
+
+def test_figures_are_written_only_to_a_named_file(tmp_path):
+    write_figures(None, {'a': 1})
+    write_figures(tmp_path / 'a.json', {'a': 1})
+    assert json.loads((tmp_path / 'a.json').read_text()) == {'a': 1}
