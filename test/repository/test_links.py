@@ -105,7 +105,7 @@ def test_commands_between_backticks_have_known_options():
     verbs = {entry.name: entry for entry in entry_points(group='pkm.verbs')}
     options, found = {}, 0
     for page in PAGES:
-        for verb, rest in re.findall(r'`(?:\.venv/bin/)?pkm ([\w-]+)([^`\n]*)`', page.read_text(encoding='utf-8')):
+        for verb, rest in re.findall(r'`(?:\.venv/bin/)?pkm ([a-z][\w-]*)([^`\n]*)`', page.read_text(encoding='utf-8')):
             assert verb in verbs, f'{page.name}: pkm {verb}'
             if verb not in options:
                 options[verb] = options_of(verbs[verb].load())

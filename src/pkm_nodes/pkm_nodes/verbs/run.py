@@ -17,7 +17,7 @@ from pkm_core.learning.initial import first_feedforward
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan
 from pkm_core.motion.trajectory import to_joints
-from pkm_core.recording.provenance import config_hash, loop_hash
+from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.verbs.console import Output, progress_bar
