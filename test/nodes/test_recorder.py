@@ -25,7 +25,7 @@ from pkm_core.bag.message_types import typestore
 from pkm_core.bag.reader import read_metadata
 from pkm_core.errors import BagError, ConfigError
 from pkm_core.machines.laser_clock import sample_numbers
-from pkm_core.recording import recording
+from pkm_core.recording import cycles
 from pkm_core.recording.provenance import config_hash, git_revision
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, LaserSample, MotorCommand, SampledTrajectory
@@ -218,7 +218,7 @@ def test_messages_that_come_after_the_end_of_their_cycle_are_waited_for(graph, c
 
 
 def test_messages_that_never_come_are_named_and_the_bag_is_closed(graph, cell, tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(recording, 'STRAGGLERS', 0.2)
+    monkeypatch.setattr(cycles, 'STRAGGLERS', 0.2)
     graph.start(RecorderNode, folder=str(tmp_path))
     progress = graph.listen(UInt64, 'recorder/tick')
     cell.load(1)
@@ -378,7 +378,7 @@ def test_services_stop_start_split_and_snapshot(graph, cell, tmp_path):
         return answer.success, answer.message
 
     assert call('split_bagfile') == (False, 'no bag is open: no cycle is being recorded')
-    assert call('snapshot') == (False, 'nothing to keep: no message of the servo tick has come yet')
+    assert call('snapshot') == (False, 'snapshot: no message of the servo tick has arrived yet')
     assert call('stop') == (True, 'stopped')
     assert call('stop') == (True, 'stopped already')
     cell.play(1, 0)
@@ -397,7 +397,7 @@ def test_services_stop_start_split_and_snapshot(graph, cell, tmp_path):
     graph.spin_until(lambda: progress and progress[-1].data == 2 * SAMPLES - 1, 'the progress of the recorder')
     good, text = call('split_bagfile')
     assert good
-    assert text.startswith('cycle 2 goes on in a new file of ')
+    assert text.startswith('cycle 2 continues in a new file of ')
     cell.finish(2, 2 * SAMPLES)
     bag = bag_of(graph, 2)
     assert len(list(bag.glob('*.mcap'))) == 2
