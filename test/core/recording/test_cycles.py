@@ -2,12 +2,14 @@
 
 import json
 from hashlib import sha256
+from time import sleep
 
 import numpy as np
 import pytest
 
 from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.bag.reader import column, read_metadata, read_topics
+from pkm_core.recording import cycles
 from support.recorded_cell import JOINTS, SAMPLES, TS, Cell, no_file_beyond
 
 
@@ -68,6 +70,19 @@ def test_missing_messages_are_reported_by_tick(cell):
     assert (outcome.lost, outcome.lost_ticks) == (lost, ticks)
     data = read_metadata(outcome.path)['custom_data']
     assert (json.loads(data['lost']), json.loads(data['lost_ticks'])) == (lost, ticks)
+
+
+def test_slow_messages_after_the_end_are_waited_for(cell, monkeypatch):
+    """A slow recorder takes longer for its queues than the wait for one message."""
+    monkeypatch.setattr(cycles, 'STRAGGLERS', 0.2)
+    late = range(SAMPLES - 8, SAMPLES)
+    cell.play(1, 0, without={index: ['d7/command'] for index in late})
+    for tick in late:
+        sleep(0.06)
+        cell.recording.close_late()
+        cell.say('d7/command', tick=tick, cycle=1, voltage=1.0, error=0.0, feedforward=0.0)
+        cell.recording.sort()
+    assert cell.outcome().lost == {}
 
 
 def test_safe_stop_loses_no_commands_and_has_a_reason(cell):

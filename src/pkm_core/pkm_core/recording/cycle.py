@@ -7,6 +7,7 @@ from datetime import datetime
 from hashlib import sha256
 from math import inf
 from shutil import rmtree
+from time import monotonic
 
 import numpy as np
 
@@ -43,6 +44,7 @@ class CycleRecording:
         self.end_tick = inf  # first tick after the cycle
         self.expected: dict[str, int] = {}  # messages by topic, known once the cycle has ended
         self.ended: float | None = None  # wall time [s]
+        self.latest = -inf  # wall time [s] of the last message
         self.end = 'interrupted: the recorder ended before the cycle'
         self.counts: Counter[str] = Counter()  # messages taken, by topic
         self.failure = ''  # why the recording of this cycle was stopped
@@ -69,6 +71,7 @@ class CycleRecording:
     def take(self, block):
         """Add messages."""
         self.counts[block.topic] += len(block.messages)
+        self.latest = monotonic()
         if self.bag is not None:
             self._write(self.bag, block)
         elif not self.failure:

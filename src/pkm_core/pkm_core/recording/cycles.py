@@ -2,8 +2,8 @@
 The life of the recorded cycles: each from its first message until its bag is closed.
 
 A bag is opened when its cycle has its first tick and both trajectories. It is closed when everything the cycle must
-have has arrived, or some time after the end of the cycle. A write error ends the recording of its own cycle only; the
-next cycle is recorded again.
+have has arrived, or after its end when no more messages arrive. A write error ends the recording of its own cycle
+only; the next cycle is recorded again.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from pkm_core.errors import BagError
 from pkm_core.recording.cycle import CycleRecording
 from pkm_core.recording.topics import By, expected_messages
 
-# [s, wall] how long a cycle that has ended waits for missing messages
+# [s, wall] how long a cycle that has ended waits for the next of its missing messages
 STRAGGLERS = 2.0
 
 
@@ -205,9 +205,9 @@ class Cycles:
         raise BagError('no bag is open: no cycle is being recorded')
 
     def close_late(self):
-        """Close the cycles that ended more than `STRAGGLERS` ago; their outcome names the missing messages."""
+        """Close the cycles that ended and got no message for `STRAGGLERS`; their outcome names the missing ones."""
         for cycle in self:
-            if cycle.ended is not None and monotonic() - cycle.ended > STRAGGLERS:
+            if cycle.ended is not None and monotonic() - max(cycle.ended, cycle.latest) > STRAGGLERS:
                 self._close_incomplete(cycle)
 
     def close_all(self):
