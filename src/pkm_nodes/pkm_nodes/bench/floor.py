@@ -1,10 +1,10 @@
 """
-The bare floor: what the messages of the servo tick cost this middleware when nobody does anything with them.
+The bare floor: cost of the messages of the servo tick in this middleware, without any processing.
 
-One process with the topics of the tick, as many readers on each as the composed cell has, and messages of the same
-size: every tick publishes an encoder sample an axis, waits for and takes all of them, publishes a command an axis,
-waits for and takes all of them. The messages are made beforehand. They are the objects nodes deal in, or, which is
-the least that Python can have, the bytes of them.
+One process has the topics of the tick, with as many subscriptions each as in the composed cell, and messages of the
+same size. Every tick publishes one encoder sample per axis, waits for and takes all of them, publishes one command per
+axis, waits for and takes all of them. The messages are made beforehand: message objects, or serialized bytes, the least
+that Python can do.
 """
 
 from itertools import chain
@@ -18,7 +18,7 @@ from rclpy.serialization import serialize_message
 from pkm_interfaces.msg import EncoderSample, MotorCommand
 from pkm_nodes.runtime.node import TICK_QOS
 
-# [s, wall] publishers and subscriptions of one process find each other at once; the rest is reserve
+# [s, wall] publishers and subscriptions of one process connect at once; the rest is margin
 _CONNECTED = 10.0
 _SECOND = 1_000_000_000  # ns
 
@@ -30,11 +30,11 @@ class Floor:
     Parameters
     ----------
     axes : int
-        Of the machine.
+        Number of axes.
     readers : dict
-        How many nodes listen to each 'encoder' and each 'command'.
+        Number of subscriptions to each 'encoder' and each 'command'.
     raw : bool
-        Bytes instead of message objects.
+        Whether messages are bytes instead of message objects.
 
     """
 
@@ -54,7 +54,7 @@ class Floor:
         deadline = perf_counter() + _CONNECTED
         while any(p.get_subscription_count() < readers[k] for k, ps in self._publishers.items() for p in ps):
             if perf_counter() > deadline:
-                raise TimeoutError(f'the floor has not connected within {_CONNECTED:.0f} s')
+                raise TimeoutError(f'floor: not connected after {_CONNECTED:.0f} s')
 
     def turn(self, ticks):
         """Return {'ticks_per_second', 'cpu_us_per_tick'} over `ticks` ticks."""
@@ -82,7 +82,7 @@ class Floor:
         return {'ticks_per_second': ticks / seconds, 'cpu_us_per_tick': 1e6 * processor / ticks}
 
     def _step(self, kind):
-        """Return how to publish one message on every topic of `kind`, the message, and how many readers it has."""
+        """Return the publish functions of the topics of `kind`, a message, and the number of subscriptions."""
         publishers = [publisher.handle for publisher in self._publishers[kind]]
         message = self._publishers[kind][0].msg_type()
         if self._raw:
@@ -92,6 +92,6 @@ class Floor:
         return publish, message, len(self._subscriptions[kind])
 
     def close(self):
-        """Leave the graph."""
+        """Destroy the node."""
         self._node.destroy_node()
         rclpy.try_shutdown()
