@@ -21,7 +21,7 @@ PKM = Path(sys.prefix) / 'bin' / 'pkm'
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('name', 'arrangement', 'cycles'), [('four_dof', 'composed', 2), ('xy_stage', 'processes', 1)])
+@pytest.mark.parametrize(('name', 'arrangement', 'cycles'), [('four_dof', 'composed', 2), ('planar', 'processes', 1)])
 def test_public_api_gives_the_same_bits_and_loses_nothing(processes, name, arrangement, cycles):
     processes.environment[SWITCH] = '1'
     options = ('--machine', name, '--law', 'fourier_pid', '--seed', 7, '--cycles', cycles, '--arrangement', arrangement)
