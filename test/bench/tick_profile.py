@@ -26,7 +26,7 @@ from pkm_nodes.bench.subjects import Subject
 _LOOKS = 200  # 1/s
 # part: words of a frame, of which one is in the stack
 PARTS = {
-    'recorder: sort and write': ('RecorderNode', 'Recording.'),
+    'recorder: sort and write': ('RecorderNode', 'Sorter.', 'Cycles.', 'CycleRecording.'),
     'recorder: take': ('_Queues.empty',),
     'state estimator, 1 tick in 20': ('StateEstimatorNode._publish',),
     'state estimator: unpack': ('StateEstimatorNode',),

@@ -1,4 +1,4 @@
-"""The lock-step executor in a thread of its own, with real nodes whose messages chase each other."""
+"""The lock-step executor in a thread, with nodes that answer each other's messages."""
 
 from threading import Thread
 from time import process_time, sleep
@@ -16,12 +16,13 @@ from rclpy.task import Future
 from std_msgs.msg import UInt64
 from std_srvs.srv import Trigger
 
-from pkm_nodes.runtime.lockstep import LockstepExecutor, PatientGroup
+from pkm_nodes.runtime.groups import PatientGroup
+from pkm_nodes.runtime.lockstep import LockstepExecutor
 from pkm_nodes.runtime.node import TICK_QOS, PkmNode
 
 
 class Player(PkmNode):
-    """Answers every number on one tick topic with the next one on another, up to `last`; chokes on `poison`."""
+    """Answers every number on one tick topic with the next one on another, up to `last`; raises at `poison`."""
 
     def __init__(self, name, hears, says, **kwargs):
         super().__init__(name, **kwargs)
@@ -31,7 +32,7 @@ class Player(PkmNode):
         self.timer_calls = 0
         self.ball = self.setting('ball', 'red', 'what is played with')
         self._publisher = self.create_publisher(UInt64, says, TICK_QOS)
-        self.on_tick_topic(UInt64, hears, self._on_number)
+        self.subscription = self.on_tick_topic(UInt64, hears, self._on_number)
         self.create_service(Trigger, f'{name}/greet', self._on_greet)
         self.create_service(Trigger, f'{name}/await', self._on_await)
         self.awaited = None
@@ -45,7 +46,7 @@ class Player(PkmNode):
             self._publisher.publish(UInt64(data=message.data + 1))
 
     async def _on_await(self, _, response):
-        """Answer when somebody sets the future `awaited`."""
+        """Answer when the test sets the future `awaited`."""
         self.awaited = Future()
         response.message = await self.awaited
         response.success = True
@@ -60,7 +61,7 @@ class Player(PkmNode):
 
 
 class Listener(PkmNode):
-    """Hears what both players say, in its own time."""
+    """Receives the numbers of both players in a `PatientGroup`."""
 
     def __init__(self, **kwargs):
         super().__init__('listener', **kwargs)
@@ -97,14 +98,14 @@ class Game:
 
     def _run(self):
         try:
-            self._executor.run()
+            self._executor.spin()
         except ExternalShutdownException:
             pass
         except ZeroDivisionError as error:
             self.error = error
 
     def allow(self, last):
-        """Let numbers up to `last` go to and fro."""
+        """Let the players answer numbers below `last`."""
         for player in self.players:
             player.last = last
 
@@ -134,7 +135,7 @@ def game(domain_id):
 
 @pytest.fixture
 def serve(graph, game):
-    """Return a function that throws a number to pong."""
+    """Return a function that sends a number to pong."""
     publisher = graph.publisher(UInt64, 'ping_says')
     graph.spin_until(lambda: publisher.get_subscription_count() == 2, 'pong and the listener to listen')
     return lambda number: publisher.publish(UInt64(data=number))
@@ -149,7 +150,7 @@ def test_every_message_is_served_once_and_in_order(graph, game, serve):
     assert ping.heard == list(range(2, 2001, 2))
 
 
-def test_patient_listener_misses_nothing_and_is_not_woken_for_every_message(graph, game, serve):
+def test_patient_group_gets_all_messages_in_few_turns(graph, game, serve):
     game.allow(2000)
     serve(1)
     graph.spin_until(lambda: len(game.listener.heard) == 2000, 'number 2000')
@@ -165,6 +166,19 @@ def test_messages_that_wait_together_are_all_served(graph, game, serve):
     assert game.players[1].heard == list(range(1, 501))
 
 
+def test_tap_gets_every_message_before_the_subscriber(graph, game, serve):
+    """Set while the executor runs and the flow is on."""
+    game.allow(100)
+    serve(1)
+    graph.spin_until(lambda: len(game.heard()) == 100, 'number 100')
+    pong, tapped = game.players[1], []
+    pong.subscription.tap(lambda message: tapped.append((message.data, len(pong.heard))))
+    game.allow(300)
+    serve(101)
+    graph.spin_until(lambda: len(game.heard()) == 300, 'number 300')
+    assert tapped == [(number, 50 + index) for index, number in enumerate(range(101, 301, 2))]
+
+
 def test_flow_begins_again_after_a_silence(graph, game, serve):
     game.allow(100)
     serve(1)
@@ -176,8 +190,8 @@ def test_flow_begins_again_after_a_silence(graph, game, serve):
     assert game.heard() == list(range(1, 201))
 
 
-def test_parameters_services_and_timers_are_served_while_ticks_flow_at_full_speed(graph, game, serve):
-    game.allow(10**9)  # for ever
+def test_other_entities_are_served_while_ticks_flow(graph, game, serve):
+    game.allow(10**9)  # without an end
     serve(1)
     graph.spin_until(lambda: len(game.players[0].heard) > 100, 'the flow')
     before, timer_calls = len(game.players[0].heard), game.players[0].timer_calls
@@ -187,10 +201,10 @@ def test_parameters_services_and_timers_are_served_while_ticks_flow_at_full_spee
     greeting = graph.call(Trigger, 'pong/greet')
     assert greeting.success
     graph.spin_until(lambda: game.players[0].timer_calls > timer_calls, 'the timer')
-    graph.spin_until(lambda: len(game.players[0].heard) > before + 1000, 'the flow to go on')
+    graph.spin_until(lambda: len(game.players[0].heard) > before + 1000, 'the flow to continue')
 
 
-def test_callback_that_awaits_is_resumed_and_keeps_the_others_of_its_group_waiting(graph, game):
+def test_awaiting_callback_blocks_its_group_and_resumes(graph, game):
     pong = game.players[1]
     awaits, greets = (graph.node.create_client(Trigger, f'pong/{what}') for what in ('await', 'greet'))
     graph.spin_until(lambda: awaits.service_is_ready() and greets.service_is_ready(), 'the services of pong')

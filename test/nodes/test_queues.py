@@ -1,4 +1,4 @@
-"""What waits in the queue of a subscription is handed over whole, in order, in blocks of equal size."""
+"""Messages in the queue of a subscription are taken completely, in order, in blocks of equal size."""
 
 from itertools import chain
 
@@ -9,7 +9,7 @@ from std_msgs.msg import String
 from pkm_nodes.runtime.node import TICK_QOS
 from pkm_nodes.runtime.queues import Taker
 
-LARGE = 100_000  # more than the room for all that is handed over at once
+LARGE = 100_000  # more than the room for one block
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def send(graph, subscription):
 
 
 def taken(subscription, enough=1000):
-    """Return the blocks that a new `Taker` hands over, as lists of bytes, and its answer."""
+    """Return the blocks that a new `Taker` takes, as lists of bytes, and the number it returns."""
     blocks = []
 
     def keep(messages):
@@ -41,7 +41,7 @@ def taken(subscription, enough=1000):
     return blocks, Taker().take(subscription.handle.pointer, keep, enough)
 
 
-def test_messages_of_equal_size_come_as_one_block_and_others_as_their_own(subscription, send):
+def test_messages_of_equal_size_form_one_block(subscription, send):
     texts = ['one', 'two', 'six', 'longer', LARGE * 'x', '', LARGE * 'y', 'end']
     send(texts)
     blocks, number = taken(subscription)

@@ -1,4 +1,4 @@
-"""Node recorder: the test plays whole cycles with publishers of its own and reads the bags that come of it."""
+"""Node recorder: the test publishes whole cycles and reads the resulting bags."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ from pkm_core.bag.reader import read_metadata
 from pkm_core.errors import BagError, ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.machines.laser_clock import sample_numbers
-from pkm_core.recording import recording
+from pkm_core.recording import cycles
 from pkm_core.recording.provenance import config_hash, git_revision, loop_hash, machine_hash
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, LaserSample, MotorCommand, SampledTrajectory
@@ -42,7 +42,7 @@ TS = 5e-4
 
 
 class Cell:
-    """The test in the place of everything that is recorded."""
+    """Publishers of all recorded topics."""
 
     def __init__(self, graph, machine, short_motion, joint_trajectory):
         self._machine = machine
@@ -96,7 +96,7 @@ class Cell:
         self.tell(CycleEvent.FINISHED, cycle, source='machine', tick=end, samples=SAMPLES)
 
     def play(self, cycle, first):
-        """Play a whole cycle that begins with tick `first`."""
+        """Publish a whole cycle from tick `first`."""
         self.load(cycle)
         self.start(cycle, first)
         for index in range(SAMPLES):
@@ -125,7 +125,7 @@ def counts_by_mcap(bag):
 
 
 def counted(topics):
-    """Return how often each topic is there, but for the recorder's own word of every second of wall time."""
+    """Return the number of messages by topic, without the recorder's own diagnostics, which follow wall time."""
     return Counter(topic for topic in topics if topic != '/diagnostics')
 
 
@@ -141,7 +141,7 @@ def nonzero(counts):
     return {topic: count for topic, count in counts.items() if count}
 
 
-def test_cycle_gives_one_bag_that_rosbags_and_mcap_read_with_every_message(graph, cell, tmp_path):
+def test_bag_has_every_message_for_rosbags_and_mcap(graph, cell, tmp_path):
     graph.start(RecorderNode, folder=str(tmp_path))
     cell.play(1, 0)
     recorded = graph.next_event(CycleEvent.RECORDED)
@@ -152,12 +152,12 @@ def test_cycle_gives_one_bag_that_rosbags_and_mcap_read_with_every_message(graph
     assert (recorded.source, recorded.cycle, recorded.samples) == ('recorder', 1, sum(expected_counts().values()))
 
     expected = json.loads(read_metadata(bag)['custom_data']['expected'])
-    # of events nobody can say how many there must be
+    # the number of events is not fixed
     assert expected == {t: count for t, count in expected_counts().items() if t != '/pkm/cycle_events'}
 
 
 class Neighbour(PkmNode):
-    """Takes the servo tick as controllers and motors do."""
+    """Subscribes to the servo tick as controllers and motors do."""
 
     def __init__(self, **kwargs):
         super().__init__('neighbour', **kwargs)
@@ -171,7 +171,7 @@ class Neighbour(PkmNode):
         self.taken[topic] += 1
 
 
-def test_tick_that_a_neighbour_in_the_process_takes_needs_no_second_reader(graph, cell, tmp_path):
+def test_tick_topics_of_a_neighbour_are_tapped(graph, cell, tmp_path):
     neighbour = graph.start(Neighbour)
     graph.start(partial(RecorderNode, [neighbour]), folder=str(tmp_path))
     assert graph.node.count_subscribers('d1/encoder') == graph.node.count_subscribers('d7/command') == 1
@@ -206,7 +206,7 @@ def test_every_cycle_has_its_own_bag(graph, cell, tmp_path):
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_messages_that_come_after_the_end_of_their_cycle_are_waited_for(graph, cell, tmp_path):
+def test_messages_after_the_end_of_a_cycle_are_waited_for(graph, cell, tmp_path):
     graph.start(RecorderNode, folder=str(tmp_path))
     cell.load(1)
     cell.start(1, 0)
@@ -218,8 +218,8 @@ def test_messages_that_come_after_the_end_of_their_cycle_are_waited_for(graph, c
     assert counts_by_mcap(bag_of(graph, 1)) == expected_counts()
 
 
-def test_messages_that_never_come_are_named_and_the_bag_is_closed(graph, cell, tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(recording, 'STRAGGLERS', 0.2)
+def test_missing_messages_are_named_and_the_bag_is_closed(graph, cell, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(cycles, 'STRAGGLERS', 0.2)
     graph.start(RecorderNode, folder=str(tmp_path))
     progress = graph.listen(UInt64, 'recorder/tick')
     cell.load(1)
@@ -252,7 +252,7 @@ def test_cycle_cut_short_by_a_fault_is_closed_and_readable(graph, cell, tmp_path
     assert counts_by_mcap(bag_of(graph, 2)) == expected_counts()
 
 
-def test_recorder_that_ends_in_the_middle_of_a_cycle_leaves_a_readable_bag(graph, cell, tmp_path):
+def test_recorder_stopped_in_a_cycle_leaves_a_readable_bag(graph, cell, tmp_path):
     node = graph.start(RecorderNode, folder=str(tmp_path))
     progress = graph.listen(UInt64, 'recorder/tick')
     cell.load(1)
@@ -265,7 +265,7 @@ def test_recorder_that_ends_in_the_middle_of_a_cycle_leaves_a_readable_bag(graph
     assert counts_by_rosbags(bag) == counts_by_mcap(bag) == expected_counts(metrics=0, events=5)
 
 
-def test_late_message_of_a_closed_cycle_does_not_disturb_the_next_one(graph, cell, tmp_path):
+def test_late_message_does_not_disturb_the_next_cycle(graph, cell, tmp_path):
     graph.start(RecorderNode, folder=str(tmp_path))
     cell.load(1)
     cell.start(1, 0)
@@ -276,7 +276,7 @@ def test_late_message_of_a_closed_cycle_does_not_disturb_the_next_one(graph, cel
     bag_of(graph, 1)
     cell.load(2)
     graph.spin_in_silence()
-    cell.command('d3', 1, 0)  # the joint_controller that was missing has come back to its senses
+    cell.command('d3', 1, 0)  # the late answer of the missing joint_controller
     graph.spin_in_silence()
     cell.start(2, 3)
     for index in range(SAMPLES):
@@ -286,14 +286,14 @@ def test_late_message_of_a_closed_cycle_does_not_disturb_the_next_one(graph, cel
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_cycle_whose_machine_has_died_does_not_take_the_messages_of_the_next_one(graph, cell, tmp_path):
+def test_cycle_of_a_dead_machine_gets_no_later_messages(graph, cell, tmp_path):
     graph.start(RecorderNode, folder=str(tmp_path))
     cell.load(1)
     cell.start(1, 0)
     cell.tick(1, 0, 0)
     graph.spin_in_silence()
     cell.load(2)
-    cell.start(2, 0)  # another machine, switched on anew
+    cell.start(2, 0)  # a restarted machine
     graph.spin_in_silence()
     for index in range(SAMPLES):
         cell.tick(2, index, index)
@@ -346,7 +346,7 @@ def test_recorder_reports_the_tick_that_every_topic_has_reached(graph, cell, tmp
     assert all(a.data <= b.data for a, b in pairwise(progress))
 
 
-def test_cycle_that_cannot_be_written_is_told_and_the_next_one_is_recorded(graph, cell, tmp_path, capfd):
+def test_write_error_is_reported_and_next_cycle_recorded(graph, cell, tmp_path, capfd):
     folder = tmp_path / 'bags'
     progress = graph.listen(UInt64, 'recorder/tick')
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
@@ -379,7 +379,7 @@ def test_services_stop_start_split_and_snapshot(graph, cell, tmp_path):
         return answer.success, answer.message
 
     assert call('split_bagfile') == (False, 'no bag is open: no cycle is being recorded')
-    assert call('snapshot') == (False, 'nothing to keep: no message of the servo tick has come yet')
+    assert call('snapshot') == (False, 'snapshot: no message of the servo tick has arrived yet')
     assert call('stop') == (True, 'stopped')
     assert call('stop') == (True, 'stopped already')
     cell.play(1, 0)
@@ -398,7 +398,7 @@ def test_services_stop_start_split_and_snapshot(graph, cell, tmp_path):
     graph.spin_until(lambda: progress and progress[-1].data == 2 * SAMPLES - 1, 'the progress of the recorder')
     good, text = call('split_bagfile')
     assert good
-    assert text.startswith('cycle 2 goes on in a new file of ')
+    assert text.startswith('cycle 2 continues in a new file of ')
     cell.finish(2, 2 * SAMPLES)
     bag = bag_of(graph, 2)
     assert len(list(bag.glob('*.mcap'))) == 2
@@ -442,7 +442,7 @@ class Tunable(PkmNode):
         self.tunable('gain', 1.0, 'to be changed')
 
 
-def test_bag_says_what_a_parameter_was_changed_to_before_its_cycle(graph, cell, tmp_path):
+def test_bag_has_parameters_as_changed_before_its_cycle(graph, cell, tmp_path):
     node = graph.start(Tunable)
     graph.start(RecorderNode, folder=str(tmp_path / 'bags'))
     progress = graph.listen(UInt64, 'recorder/tick')
@@ -478,7 +478,7 @@ def test_folder_that_cannot_be_written_is_refused(graph, tmp_path):
     [
         ({'preroll': nan}, 'recorder: preroll is nan; expected a positive, finite number'),
         ({'preroll': 0.0}, r'recorder: preroll is 0\.0; expected a positive, finite number'),
-        ({'preroll': 1e9}, r'recorder: preroll is 1000000000\.0 s; expected at most 60 s'),
+        ({'preroll': 1e9}, r'recorder: preroll is 1000000000\.0 s; allowed: at most 60 s'),
         ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown"),
         ({'fodler': 'here'}, r"/pkm/recorder has unknown parameter\(s\) \['fodler'\]; known: .*'folder'"),
     ],

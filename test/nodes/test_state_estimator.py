@@ -80,7 +80,7 @@ def test_joint_that_lags_by_a_whole_state_loses_none(graph, encoders, poses, mac
         assert message.pose.position.x == machine.forward(positions)[0]
 
 
-def test_machine_that_was_switched_on_anew_is_not_mixed_with_its_last_life(graph, encoders, poses, machine):
+def test_samples_of_a_restarted_machine_are_kept_apart(graph, encoders, poses, machine):
     for tick in (0, STATES_EVERY):
         encoders.send(tick, machine.home)
     encoders.send_one(0, 2 * STATES_EVERY, machine.home[0] + 1e-3)
@@ -94,7 +94,7 @@ def test_machine_that_was_switched_on_anew_is_not_mixed_with_its_last_life(graph
     assert len(poses) == 4, 'the first joint has not told its place'
 
 
-def test_joint_states_hold_motors_and_passive_joints_with_mean_speeds(graph, encoders, joint_states, machine):
+def test_joint_states_have_all_joints_with_mean_speeds(graph, encoders, joint_states, machine):
     speed = np.array([0.1, -0.2, 0.3, 0.0])
     ticks = (0, STATES_EVERY, 2 * STATES_EVERY)
     positions = [machine.home + speed * tick * machine.sample_time for tick in ticks]
@@ -159,7 +159,7 @@ def test_twist_and_markers_are_silent_while_nobody_listens(graph, poses, machine
     graph.spin_until(lambda: len(poses) == 2, 'two poses')
 
 
-def test_nothing_is_published_until_all_joints_of_a_tick_are_there(graph, machine, poses):
+def test_nothing_is_published_before_all_joints_of_a_tick(graph, machine, poses):
     graph.start(StateEstimatorNode)
     publishers = {joint: graph.publisher(EncoderSample, f'{joint}/encoder') for joint in machine.joints}
     positions = dict(zip(machine.joints, machine.home.tolist(), strict=True))
@@ -172,9 +172,7 @@ def test_nothing_is_published_until_all_joints_of_a_tick_are_there(graph, machin
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, 1.0])
-def test_joint_positions_without_a_pose_give_motors_only_and_the_next_ones_do(
-    graph, encoders, poses, joint_states, machine, bad
-):
+def test_positions_without_a_pose_publish_motors_only(graph, encoders, poses, joint_states, machine, bad):
     encoders.send(0, [bad, *machine.home[1:]])
     encoders.send(STATES_EVERY, machine.home)
     graph.spin_until(lambda: poses and len(joint_states) == 2, 'a pose and two joint states')

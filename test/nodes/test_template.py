@@ -1,4 +1,4 @@
-"""A template filled with numbers is the message that has them; bytes between aligned numbers may be anything."""
+"""A filled template equals the message with these numbers; padding bytes may have any value."""
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -16,7 +16,7 @@ NANOSECONDS = 12_000_000_345
 
 
 def joint_states(stamp, numbers):
-    """Names of odd lengths in front of the numbers, an empty sequence among and behind them."""
+    """Return names of odd lengths before the numbers and empty sequences after them."""
     return JointState(header=Header(stamp=stamp), name=['d1', 'theta10', 'x'], position=numbers)
 
 
@@ -48,14 +48,14 @@ CASES = [
 
 
 @pytest.mark.parametrize(('make', 'count', 'kind'), CASES)
-def test_filled_template_is_the_message_and_can_be_filled_again(make, count, kind):
+def test_filled_template_is_the_message_each_time(make, count, kind):
     template = Template(make(STAMP, count * [DOUBLE]))
     for scale in (-1e-3, 1e300, float('inf')):
         numbers = [scale * (1 + i) for i in range(count)]
         message = make(Time(sec=12, nanosec=345), numbers)
         data = template.filled(numbers, NANOSECONDS)
         assert deserialize_message(data, type(message)) == message
-        typestore().deserialize_cdr(data, kind)  # refuses bytes too many, which rclpy's own serialize_message makes
+        typestore().deserialize_cdr(data, kind)  # refuses trailing bytes, which serialize_message of rclpy adds
 
 
 def test_wrong_number_of_values_is_refused():

@@ -1,4 +1,4 @@
-"""The bytes of the servo tick are those ROS makes of the messages."""
+"""The bytes of the servo tick, against the serializer of ROS."""
 
 from math import pi
 
@@ -13,14 +13,14 @@ COMMAND = {'tick': 2**63, 'cycle': 2**32 - 1, 'voltage': -9.99, 'error': 1.5e-7,
 CASES = [(ENCODER_SAMPLE, EncoderSample, SAMPLE), (MOTOR_COMMAND, MotorCommand, COMMAND)]
 
 
-@pytest.mark.parametrize(('layout', 'message_type', 'fields'), CASES)
-def test_packed_bytes_are_read_by_ros(layout, message_type, fields):
+@pytest.mark.parametrize(('message', 'message_type', 'fields'), CASES)
+def test_packed_bytes_are_read_by_ros(message, message_type, fields):
     assert list(fields) == list(message_type.get_fields_and_field_types())
-    assert deserialize_message(layout.pack(*fields.values()), message_type) == message_type(**fields)
+    assert deserialize_message(message.pack(*fields.values()), message_type) == message_type(**fields)
 
 
-@pytest.mark.parametrize(('layout', 'message_type', 'fields'), CASES)
-def test_bytes_of_ros_are_unpacked_to_plain_numbers(layout, message_type, fields):
-    values = layout.unpack(serialize_message(message_type(**fields)))
+@pytest.mark.parametrize(('message', 'message_type', 'fields'), CASES)
+def test_bytes_of_ros_are_unpacked_to_plain_numbers(message, message_type, fields):
+    values = message.unpack(serialize_message(message_type(**fields)))
     assert values == tuple(fields.values())
     assert {type(value) for value in values} == {int, float}

@@ -1,10 +1,10 @@
 """
 An MCAP writer that takes many messages of a channel at once.
 
-The writer of the `mcap` package builds every message and every entry of an index field by field in Python: 4 us a
-message, eight of which are recorded of every servo tick. Here messages of equal size are one numpy array, and what
-stands around them is filled in column by column. What is written is the same, byte for byte; all the rest of a file is
-left to `mcap`. Its writer has no way in for this, so two of its private attributes are used: the version is pinned.
+The writer of the `mcap` package builds every message and every index entry field by field in Python: 4 us per message,
+at eight messages per servo tick. Here messages of equal size are one numpy array, and the fields around them are filled
+column by column. The bytes written are the same; all other records are written by `mcap`. Two private attributes of its
+writer are used, because it has no public access for this: the version is pinned.
 """
 
 from functools import lru_cache
@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.records import MessageIndex
 from mcap.writer import Writer
 
-# opcode and length of a record [bytes], which its length does not count
+# [bytes] opcode and length of a record, which are not included in its length
 RECORD_HEAD = 9
 
 
@@ -41,13 +41,13 @@ class BlockWriter(Writer):
         Parameters
         ----------
         channel : int
-            Its number, from `register_channel`.
+            Channel number of `register_channel`.
         times : ndarray, shape (n,)
-            [ns] Of logging, and of publication.
+            Time of logging and of publication [ns].
         messages : ndarray of uint8, shape (n, size)
-            Their serialized data.
+            Serialized messages.
         sequence : int
-            Of the first; the others count on.
+            Sequence number of the first; those of the others follow.
 
         """
         first, last = int(times.min()), int(times.max())
@@ -61,7 +61,7 @@ class BlockWriter(Writer):
         self._chunk.add_messages(channel, times, messages, sequence, first, last)
 
     def span(self):
-        """Return the times [ns] of the oldest and the newest message so far; there must be one."""
+        """Return the times [ns] of the oldest and the newest message so far; at least one must have been added."""
         statistics = self._statistics()
         return statistics.message_start_time, statistics.message_end_time
 
@@ -70,7 +70,7 @@ class BlockWriter(Writer):
 
 
 class _Chunk(ChunkBuilder):
-    """A chunk that is filled block by block."""
+    """A chunk to which messages are added in blocks."""
 
     def add_messages(self, channel, times, messages, sequence, first, last):
         """Append the records of `messages`, which span the times `first` to `last` [ns], and their index."""
@@ -98,7 +98,7 @@ class _Chunk(ChunkBuilder):
 
 
 class _Index(MessageIndex):
-    """The index of a channel in a chunk; its `records` are arrays (n, 2) of times and places."""
+    """The index of a channel in a chunk; its `records` are arrays (n, 2) of times [ns] and offsets [bytes]."""
 
     def write(self, stream):
         """Append the record to `stream`."""

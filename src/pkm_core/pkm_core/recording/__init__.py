@@ -1,1 +1,1 @@
-"""What the recorder of a cell does with its messages: sort them into cycles and write one bag of each; ROS-free."""
+"""Sorts the messages of a cell into cycles and writes one bag per cycle; ROS-free."""

@@ -1,8 +1,11 @@
-"""Serialized messages of one topic that came together."""
+"""Serialized messages of one topic that arrived together."""
 
 from typing import NamedTuple
 
 import numpy as np
+
+# tick of a message that arrived before the first tick of its cycle
+BEFORE = -1
 
 
 class Block(NamedTuple):
@@ -10,25 +13,25 @@ class Block(NamedTuple):
 
     topic: str
     messages: np.ndarray  # (n, size) of bytes
-    ticks: np.ndarray | None  # (n,) that they belong to; None for before the first of their cycle
+    ticks: np.ndarray  # (n,) int64; BEFORE the first tick of the cycle
 
     def where(self, mask):
-        """Return those of which `mask` (n,) is true."""
+        """Return the messages for which `mask` (n,) is true."""
         return self if mask.all() else self._replace(messages=self.messages[mask], ticks=self.ticks[mask])
 
 
 def single(topic, message, tick):
-    """Return the `Block` of one message (size,); `tick` is None before the first one."""
-    return Block(topic, message[np.newaxis], None if tick is None else np.array([tick]))
+    """Return the `Block` of one message (size,); `tick` may be None before the first tick of its cycle."""
+    return Block(topic, message[np.newaxis], np.array([BEFORE if tick is None else tick]))
 
 
 def rows(data, size=None):
-    """Return messages as the rows of an array: bytes of one, or of several of `size` one after the other, or rows."""
+    """Return `data`, one message, several of `size` bytes in a row or their (n, size) array, as such an array."""
     if isinstance(data, np.ndarray):
         return data
     return np.frombuffer(data, np.uint8).reshape(-1, size or len(data))
 
 
-def numbers_at(messages, offset, kind):
-    """Return the numbers of the numpy type `kind` that stand `offset` bytes from the start of every row."""
-    return np.ndarray(len(messages), kind, messages, offset, messages.shape[1:])
+def numbers_at(messages, place):
+    """Return the numbers (n,) at a `Place` of `messages` (n, size)."""
+    return np.ndarray(len(messages), place.kind, messages, place.offset, messages.shape[1:])

@@ -1,4 +1,4 @@
-"""One motion cycle on its way into a bag."""
+"""The recording of one motion cycle."""
 
 import json
 import re
@@ -7,26 +7,27 @@ from datetime import datetime
 from hashlib import sha256
 from math import inf
 from shutil import rmtree
+from time import monotonic
 
 import numpy as np
 
+from pkm_core.bag.layout import layout_of
 from pkm_core.bag.writer import BagWriter
+from pkm_core.recording.block import BEFORE, Block, numbers_at
 from pkm_core.recording.topics import By
 
 _COMMAND = 'pkm_interfaces/msg/MotorCommand'
-# [bytes] where the learned feedforward, a double, is in a serialized MotorCommand
-_FEEDFORWARD = slice(36, 44)
 _NO_TICKS = np.empty(0, np.int64)
 
 
 class CycleRecording:
     """
-    Takes the messages of one cycle; they wait until its first tick and both trajectories are there.
+    Writes the messages of one cycle into a bag; they are kept in memory until the bag is open.
 
     Parameters
     ----------
     number : int
-        Of the cycle.
+        Number of the cycle.
     topics : dict of str to RecordedTopic
         By resolved name.
     sample_time_ns : int
@@ -37,55 +38,65 @@ class CycleRecording:
     def __init__(self, number, topics, sample_time_ns):
         self.number = number
         self.motion, self.law = 'motion', 'none'
-        self.trajectories = {}  # by topic; sent again every second until the cycle starts, the last one counts
-        self.first_tick = self.last_tick = None
-        self.end_tick = inf  # first tick that is not in it
-        self.expected = {}  # messages by topic, known once the cycle has ended
-        self.ended = None  # wall time [s]
+        self.trajectories: dict[str, bytes] = {}  # by topic; resent every second until the cycle starts
+        self.first_tick: int | None = None
+        self.last_tick: int | None = None
+        self.end_tick = inf  # first tick after the cycle
+        self.expected: dict[str, int] = {}  # messages by topic, known once the cycle has ended
+        self.ended: float | None = None  # wall time [s]
+        self.latest = -inf  # wall time [s] of the last message
         self.end = 'interrupted: the recorder ended before the cycle'
-        self.counts = Counter()  # messages taken, by topic
-        self.failure = ''  # why nothing more goes into its bag
-        self.bag = None
-        self._waiting = []  # blocks
+        self.counts: Counter[str] = Counter()  # messages taken, by topic
+        self.failure = ''  # why the recording of this cycle was stopped
+        self.bag: BagWriter | None = None
+        self._waiting: list[Block] = []
         self._topics, self._tick_ns = topics, sample_time_ns
         self._ticks = {name: [_NO_TICKS] for name, topic in topics.items() if topic.by is By.TICK}
+        self._feedforward = layout_of(_COMMAND).places['feedforward']
         self._learned = {name: bytearray() for name, topic in topics.items() if topic.kind == _COMMAND}
 
     def is_ready(self):
-        """Tell whether the bag can be opened: its name, its trajectories and its times are known."""
+        """Return whether the bag can be opened: its name, its trajectories and its times are known."""
         return self.first_tick is not None and len(self.trajectories) == 2
 
     def holds(self, ticks):
-        """Tell for each of `ticks` (n,) whether it is in it, as far as its ends are known."""
+        """Return for each of `ticks` (n,) whether it belongs to this cycle, as far as its ends are known."""
         first = inf if self.first_tick is None else self.first_tick
         return (first <= ticks) & (ticks < self.end_tick)
 
     def is_complete(self):
-        """Tell whether the cycle has ended and everything it must hold has come."""
+        """Return whether the cycle has ended and every expected message has arrived."""
         return self.ended is not None and all(self.counts[t] >= count for t, count in self.expected.items())
 
     def take(self, block):
-        """Take messages."""
+        """Add messages."""
         self.counts[block.topic] += len(block.messages)
+        self.latest = monotonic()
         if self.bag is not None:
-            self._write(block)
+            self._write(self.bag, block)
         elif not self.failure:
             self._waiting.append(block)
 
     def take_ticks(self, block):
-        """Take messages of the servo tick, of which every one counts."""
+        """Add messages of the servo tick, whose ticks are accounted for one by one."""
         self.last_tick = int(block.ticks[-1])
         self._ticks[block.topic].append(block.ticks.copy())
         if block.topic in self._learned:
-            self._learned[block.topic] += block.messages[:, _FEEDFORWARD].tobytes()
+            self._learned[block.topic] += numbers_at(block.messages, self._feedforward).tobytes()
         self.take(block)
 
-    def _write(self, block):
-        ticks = np.full(len(block.messages), self.first_tick) if block.ticks is None else block.ticks
-        self.bag.write_block(block.topic, block.messages, ticks * self._tick_ns)
+    def take_trajectory(self, topic, data, trajectory):
+        """Add a trajectory, serialized and as a message; the last one of each topic is recorded."""
+        self.motion, self.law = trajectory.motion, trajectory.learning_law
+        self.trajectories[topic] = data
+        self.counts[topic] = 1
+
+    def _write(self, bag, block):
+        ticks = np.where(block.ticks == BEFORE, self.first_tick, block.ticks)
+        bag.write_block(block.topic, block.messages, ticks * self._tick_ns)
 
     def open(self, folder, facts):
-        """Open the bag in `folder` with `facts` in its metadata, and write what has waited."""
+        """Open the bag in `folder` with `facts` in its metadata, and write the messages kept so far."""
         now = datetime.now().astimezone()
         metadata = {
             'motion': self.motion,
@@ -101,37 +112,36 @@ class CycleRecording:
         for topic, data in self.trajectories.items():
             self.bag.write(topic, data, self.first_tick * self._tick_ns)
         for block in self._waiting:
-            self._write(block)
+            self._write(self.bag, block)
         self._waiting.clear()
         self.bag.keep_together()
 
     def fail(self, reason):
-        """Let go of the bag after a failure; what is on the disk stays there for `pkm bag-doctor`."""
+        """Stop recording this cycle; the file stays as it is on the disk for `pkm bag-doctor`."""
         self.failure = reason
         self._waiting.clear()
         if self.bag is not None:
             self.bag.abandon()
             self.bag = None
 
-    def close(self):
-        """Close the bag with the account of what should be in it; it is read back, see `BagWriter.close`."""
-        facts = {
+    def end_facts(self):
+        """Return the metadata of the end of the cycle: why, expected and missing messages, learned feedforward."""
+        return {
             'end': self.end,
             'expected': json.dumps(self.expected),
             'lost': json.dumps(self.lost()),
             'lost_ticks': json.dumps(self.lost_ticks()),
             'learned_feedforward': json.dumps({t: _digest(values) for t, values in self._learned.items()}),
         }
-        self.bag.close(facts)
 
     def lost(self):
-        """Return how many messages of each topic have not come; nothing for a topic that has all."""
+        """Return the number of missing messages by topic; topics without a loss are left out."""
         missing = {topic: count - self.counts[topic] for topic, count in self.expected.items()}
         return {topic: count for topic, count in missing.items() if count > 0}
 
     def lost_ticks(self):
-        """Return the first and last of every run of ticks that have not come, by topic of the servo tick."""
-        if self.ended is None:
+        """Return the first and last of every run of missing ticks, by topic of the servo tick."""
+        if self.ended is None or self.first_tick is None:
             return {}
         found = {}
         for topic, ticks in self._ticks.items():
@@ -144,7 +154,7 @@ class CycleRecording:
 
 
 def open_bag(path, kinds, metadata):
-    """Return a `BagWriter` at `path`; a folder that cannot take a bag is not left behind."""
+    """Return a `BagWriter` at `path`; after an OSError no folder is left."""
     try:
         return BagWriter(path, kinds, metadata)
     except OSError:
@@ -153,7 +163,7 @@ def open_bag(path, kinds, metadata):
 
 
 def free_path(folder, name):
-    """Return `folder`/`name`, with a number behind it if that exists."""
+    """Return `folder`/`name`, with a number appended if that exists."""
     path, number = folder / name, 1
     while path.exists():
         number += 1
@@ -162,10 +172,10 @@ def free_path(folder, name):
 
 
 def file_name(text):
-    """Return `text`, which anybody may have chosen, as a name that stays in its folder."""
+    """Return `text`, which may be any string, as a file name without a path."""
     return re.sub(r'[^\w.-]', '_', text, flags=re.ASCII).lstrip('.')[:80] or 'motion'
 
 
 def _digest(values):
-    """Return 12 hex digits of the feedforward sequence in `values`, '' where nothing has been learned."""
+    """Return 12 hex digits of the SHA-256 of the feedforward sequence `values`, '' if it is all zero."""
     return sha256(values).hexdigest()[:12] if any(values) else ''

@@ -1,4 +1,4 @@
-"""One recorder a folder: two would hand out the same names and each other's cycles."""
+"""One recorder per folder: two would use the same names for their bags."""
 
 import fcntl
 import os
@@ -9,12 +9,12 @@ from pkm_core.files import writable_folder
 
 class FolderLock:
     """
-    Holds `folder` (a path, made if need be) for one recorder until `release`; the lock ends with its process.
+    Locks `folder` (a path, created if missing) for one recorder until `release` or the end of its process.
 
     Raises
     ------
     PkmError
-        If nothing can be written there; a `BagError` if another recorder holds it.
+        If the folder cannot be written; a `BagError` if another recorder has locked it.
 
     """
 
@@ -30,5 +30,5 @@ class FolderLock:
             ) from None
 
     def release(self):
-        """Let the next recorder have the folder."""
+        """Unlock the folder."""
         os.close(self._descriptor)

@@ -1,21 +1,22 @@
-"""The last moments of a cell, kept in memory for a snapshot."""
+"""The last messages of a cell, kept in memory for a snapshot."""
 
 from collections import Counter, deque
 from datetime import datetime
 from itertools import chain
 
 from pkm_core.errors import BagError
+from pkm_core.recording.block import Block
 from pkm_core.recording.cycle import free_path, open_bag
 
 
 class PreRoll:
     """
-    Keeps what came in the last ticks, recorded or not.
+    Keeps the messages of the last ticks, recorded or not.
 
     Parameters
     ----------
     ticks : int
-        How many.
+        Number of ticks.
     topics : dict of str to RecordedTopic
         By resolved name.
     sample_time_ns : int
@@ -25,12 +26,12 @@ class PreRoll:
 
     def __init__(self, ticks, topics, sample_time_ns):
         self._ticks, self._topics, self._tick_ns = ticks, topics, sample_time_ns
-        self._kept = {name: deque() for name in topics}  # blocks by topic
-        self._numbers = Counter()  # messages in them
-        self._trajectories = {}
+        self._kept: dict[str, deque[Block]] = {name: deque() for name in topics}
+        self._numbers: Counter[str] = Counter()  # messages in `_kept`, by topic
+        self._trajectories: dict[str, bytes] = {}
 
     def take(self, block):
-        """Take messages; blocks of their topic go that are too old, or when the others hold one a tick."""
+        """Add messages; remove blocks of their topic that are too old, or not needed for one message per tick."""
         kept, too_old = self._kept[block.topic], block.ticks[-1] - self._ticks
         kept.append(block)
         self._numbers[block.topic] += len(block.ticks)
@@ -38,20 +39,20 @@ class PreRoll:
             self._numbers[block.topic] -= len(kept.popleft().ticks)
 
     def clear(self):
-        """Forget everything but the trajectories."""
+        """Remove everything but the trajectories."""
         self._numbers.clear()
         for kept in self._kept.values():
             kept.clear()
 
     def take_trajectory(self, topic, data):
-        """Take a trajectory; the last of each topic goes into every snapshot."""
+        """Add a trajectory; the last one of each topic is in every snapshot."""
         self._trajectories[topic] = data
 
     def save(self, folder, facts):
-        """Write what is kept into a new bag in `folder` and return its path."""
+        """Write the messages into a new bag in `folder`; return its path, or raise `BagError` without a message."""
         blocks = [*chain(*self._kept.values())]
         if not blocks:
-            raise BagError('nothing to keep: no message of the servo tick has come yet')
+            raise BagError('snapshot: no message of the servo tick has arrived yet')
         newest = max(int(block.ticks.max()) for block in blocks)
         recent = [block.where(block.ticks > newest - self._ticks) for block in blocks]
         kept = sorted((block for block in recent if len(block.ticks)), key=lambda block: block.ticks[0])

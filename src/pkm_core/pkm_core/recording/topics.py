@@ -1,24 +1,24 @@
-"""What is recorded of a cell, and how a message tells which cycle it belongs to."""
+"""The recorded topics of a cell, and the field by which a message is assigned to a cycle."""
 
 from enum import Enum
 from typing import NamedTuple
 
 from pkm_core.machines.laser_clock import sample_numbers
 
-# [ticks] states of the machine go out at 100 Hz of simulated time
+# [ticks] period of the machine's states: 100 Hz of simulated time
 STATES_EVERY = 20
 
 
 class By(Enum):
-    """What a message is sorted by."""
+    """How messages of a topic are assigned to a cycle."""
 
-    TICK = 'tick and cycle, its first fields'
-    CYCLE = 'cycle, its first field'
-    STAMP = 'the stamp of its header'
-    TIME = 'the simulated time [s], its first field'
-    TRAJECTORY = 'cycle; the last of each topic counts'
-    EVENT = 'cycle; the story of it'
-    ARRIVAL = 'the cycle that runs when it comes'
+    TICK = 'its fields tick and cycle'
+    CYCLE = 'its field cycle'
+    STAMP = 'a stamp'
+    TIME = 'its field time [s], simulated'
+    TRAJECTORY = 'its field cycle; the last message of each topic is recorded'
+    EVENT = 'its field cycle; starts and ends cycles'
+    ARRIVAL = 'the cycle that runs when the message arrives'
 
 
 class RecordedTopic(NamedTuple):
@@ -27,8 +27,8 @@ class RecordedTopic(NamedTuple):
     name: str  # relative to the namespace of the cell, or absolute
     kind: str  # message type
     by: By
-    stamp_at: int = 4  # [bytes] where the stamp is in a serialized message, if it is sorted by that
-    optional: bool = False  # whether a cell may do without: others in the place of our nodes need not have it
+    stamp: str = 'header.stamp'  # path of the stamp in a message that is sorted by it
+    optional: bool = False  # a cell is complete without it: replacements of nodes need not publish it
 
 
 def recorded_topics(joints):
@@ -50,8 +50,7 @@ def recorded_topics(joints):
         RecordedTopic('pose', 'geometry_msgs/msg/PoseStamped', By.STAMP),
         RecordedTopic('twist', 'geometry_msgs/msg/TwistStamped', By.STAMP),
         RecordedTopic('joint_states', 'sensor_msgs/msg/JointState', By.STAMP),
-        # an array: the stamp of its first marker comes after the length
-        RecordedTopic('markers', 'visualization_msgs/msg/MarkerArray', By.STAMP, stamp_at=8),
+        RecordedTopic('markers', 'visualization_msgs/msg/MarkerArray', By.STAMP, stamp='markers.0.header.stamp'),
         RecordedTopic('laser', 'pkm_interfaces/msg/LaserSample', By.TIME, optional=True),
         RecordedTopic('cycle_events', 'pkm_interfaces/msg/CycleEvent', By.EVENT),
         RecordedTopic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', By.ARRIVAL),
@@ -60,12 +59,12 @@ def recorded_topics(joints):
 
 def expected_messages(topics, machine, cycle, event, finished):
     """
-    Return how many messages a cycle must have, from the machine's own account of its end.
+    Return how many messages a cycle must have, from the event by which the machine ended it.
 
     Parameters
     ----------
     topics : dict of str to RecordedTopic
-        By resolved name; those that are offered.
+        By resolved name; the topics that have a publisher.
     machine : Machine
         For the sample time of its laser.
     cycle : CycleRecording
@@ -78,7 +77,7 @@ def expected_messages(topics, machine, cycle, event, finished):
     Returns
     -------
     counts : dict of str to int
-        By topic; one of which nobody can say the number is not among them.
+        By topic; without the topics of which the number is not fixed by the cycle.
 
     """
     states = sum(tick % STATES_EVERY == 0 for tick in range(cycle.first_tick, event.tick))

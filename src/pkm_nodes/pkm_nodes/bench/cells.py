@@ -19,6 +19,7 @@ from pkm_interfaces.msg import CycleEvent, SampledTrajectory
 from pkm_nodes.bench.no_ros import LAW
 from pkm_nodes.clients.cell_client import CellClient
 from pkm_nodes.clients.cell_processes import CellProcesses
+from pkm_nodes.runtime.fast_path import SWITCH
 from pkm_nodes.runtime.node import CYCLE_QOS
 
 _SECOND = 1_000_000_000  # ns
@@ -39,11 +40,11 @@ with connect(f'ws://127.0.0.1:{sys.argv[1]}', subprotocols=[f'viser-v{viser.__ve
 
 
 class NaiveProcesses(CellProcesses):
-    """The same processes with rclpy's own executor."""
+    """The same processes with rclpy's public API only."""
 
     def command(self, executable):
         """Return the command that starts an executable of pkm_nodes in a SingleThreadedExecutor."""
-        return [sys.executable, '-m', 'pkm_nodes.bench.naive', executable]
+        return ['/usr/bin/env', f'{SWITCH}=1', *super().command(executable)]
 
 
 class TimedClient(CellClient):

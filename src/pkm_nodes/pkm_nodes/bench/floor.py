@@ -33,7 +33,7 @@ class Floor:
     readers : dict
         Number of subscriptions of each 'encoder' and each 'command' topic.
     raw : bool
-        Bytes instead of message objects.
+        Whether messages are bytes instead of message objects.
 
     """
 
@@ -91,6 +91,6 @@ class Floor:
         return publish, message, len(self._subscriptions[kind])
 
     def close(self):
-        """Leave the graph."""
+        """Destroy the node."""
         self._node.destroy_node()
         rclpy.try_shutdown()

@@ -9,7 +9,7 @@ from pkm_nodes.messages.template import POSE, STAMP, Template
 
 
 class LinkMarkers:
-    """Turns joint positions into one CUBE marker a box of `pkm_core.machines.description`."""
+    """Makes one CUBE marker per box of `pkm_core.machines.description` from joint positions."""
 
     def __init__(self, machine):
         self._links = links(machine)
@@ -18,7 +18,7 @@ class LinkMarkers:
         self._template = Template(MarkerArray(markers=[_marker(*box) for box in self._boxes]))
 
     def message(self, nanoseconds, positions):
-        """Return the MarkerArray of a time [ns] and `positions` (of `joint_positions`) as bytes, in the base frame."""
+        """Return the serialized MarkerArray, in the base frame, of a time [ns] and `positions` of `joint_positions`."""
         found = frames(self._links, positions)
         numbers = []
         for name, _, box in self._boxes:
@@ -28,7 +28,7 @@ class LinkMarkers:
 
 
 def _marker(name, number, box):
-    """Return the marker of a box whose time and pose are yet to come."""
+    """Return the marker of a box with gaps for stamp and pose."""
     red, green, blue = box.colour
     return Marker(
         header=Header(stamp=STAMP, frame_id=ROOT),

@@ -1,9 +1,9 @@
 """
 Messages of which only stamps and some numbers change, as bytes.
 
-rclpy makes a message object, and bytes of it, field by field: 15 us for a pose, 500 us for the markers of a machine.
-Where strings and lengths stay, the numbers can be put into the bytes of the last message instead, in 5 us. Nothing is
-different on the topics.
+rclpy makes a message object and serializes it field by field: 15 us for a pose, 500 us for the markers of a machine.
+Where strings and lengths are constant, the numbers are written into the bytes of the previous message instead, in
+5 us. The topics carry the same messages.
 """
 
 from array import array
@@ -12,34 +12,34 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion
 
+from pkm_core.bag.layout import HEADER
 from pkm_core.bag.message_types import typestore
 
-# what stands in a message that becomes a template for a double, a stamp and a pose that change
+# placeholders in the message that becomes a template: a double, a stamp and a pose that change
 DOUBLE = float('nan')
 STAMP = Time(sec=-(2**31), nanosec=2**32 - 1)
 POSE = Pose(
     position=Point(x=DOUBLE, y=DOUBLE, z=DOUBLE), orientation=Quaternion(x=DOUBLE, y=DOUBLE, z=DOUBLE, w=DOUBLE)
 )
-_HEADER = 4  # [bytes] what follows is aligned as if it began there
 _SECOND = 1_000_000_000  # ns
 
 
 class Template:
     """
-    A message with gaps.
+    A serialized message with gaps.
 
     Parameters
     ----------
     message
-        Any message of ROS; its gaps are the doubles that are `DOUBLE` and the stamps that are `STAMP`.
+        Any ROS message; its gaps are the doubles equal to `DOUBLE`, bit by bit, and the stamps equal to `STAMP`.
 
     """
 
     def __init__(self, message):
         data = _serialized(message)
         self._bytes = np.frombuffer(data, np.uint8).copy()
-        doubles, words = (
-            np.frombuffer(self._bytes, kind, (len(data) - _HEADER) // size, _HEADER)
+        doubles, words = (  # both aligned to the end of the header
+            np.frombuffer(self._bytes, kind, (len(data) - len(HEADER)) // size, len(HEADER))
             for kind, size in (('<u8', 8), ('<u4', 4))
         )
         self._doubles, self._words = doubles.view('<f8'), words
@@ -53,9 +53,14 @@ class Template:
         Parameters
         ----------
         numbers : sequence of float
-            One a double that changes, in the order of the message's definition.
+            One per gap of a double, in the order of the message's definition.
         nanoseconds : int
-            All stamps [ns].
+            Value of every stamp [ns].
+
+        Raises
+        ------
+        ValueError
+            If the count of `numbers` differs from the count of gaps.
 
         """
         self._doubles[self._double_gaps] = numbers
@@ -65,12 +70,12 @@ class Template:
 
 
 def _serialized(message):
-    """Return `message` as bytes; rclpy would leave anything between the numbers, and more behind the last one."""
+    """Return the bytes of `message`; rclpy's serializer leaves padding undefined and appends bytes at the end."""
     return bytes(typestore().serialize_cdr(_plain(message), _kind(message)))
 
 
 def _plain(value):
-    """Return a message of rclpy, or what stands in one, as the types of pkm_core.bag.message_types."""
+    """Return a message of rclpy, or a field of one, as the types of pkm_core.bag.message_types."""
     if isinstance(value, (array, np.ndarray)):
         return np.array(value)
     if isinstance(value, list):
@@ -82,5 +87,5 @@ def _plain(value):
 
 
 def _kind(message):
-    """Return the name of the type of `message`."""
+    """Return the name of the type of `message`, 'package/msg/Name'."""
     return f'{type(message).__module__.split(".")[0]}/msg/{type(message).__name__}'

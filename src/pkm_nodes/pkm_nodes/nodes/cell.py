@@ -28,7 +28,7 @@ NODES = {
 
 
 class CellNode(PkmNode):
-    """Holds the parameters of the composed cell."""
+    """Parameters of the composed cell."""
 
     def __init__(self, **kwargs):
         super().__init__('cell', **kwargs)
@@ -45,7 +45,7 @@ class CellNode(PkmNode):
 
 
 def make_cell():
-    """Return all nodes of the cell."""
+    """Return all nodes of the cell; the recorder taps those before it."""
     nodes = [CellNode()]
     use_sim_time = nodes[0].get_parameter('use_sim_time').value
     for spec in nodes[0].specs:

@@ -1,4 +1,4 @@
-"""Node `laser`: the end point as an independent instrument sees it, in the machine's process."""
+"""Node `laser`: displacement of the end point, measured independently of the encoders; in the machine's process."""
 
 from pkm_core.plant.laser import Laser
 from pkm_interfaces.msg import LaserSample
@@ -7,7 +7,7 @@ from pkm_nodes.runtime.node import PkmNode
 
 
 class LaserNode(PkmNode):
-    """Publishes what the `Laser` in front of the simulated mechanism measures."""
+    """Publishes the samples of the simulated `Laser`."""
 
     def __init__(self, machine, seed, environment, **kwargs):
         super().__init__('laser', **kwargs)
@@ -17,10 +17,10 @@ class LaserNode(PkmNode):
         self.zero, self.observe = self._laser.zero, self._laser.observe
 
     def is_heard(self):
-        """Tell whether every reader that the graph knows of is connected; there need not be any."""
+        """Return whether all subscribers in the graph are connected; there may be none."""
         return self._publisher.get_subscription_count() >= self.count_subscribers(self._publisher.topic_name)
 
     def publish(self):
-        """Send what has been measured since the last call."""
+        """Publish the samples since the last call."""
         for time, displacement in zip(*self._laser.read(), strict=True):
             self._send(self._sample.filled([time, *displacement]))

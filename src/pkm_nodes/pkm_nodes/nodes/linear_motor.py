@@ -1,4 +1,4 @@
-"""Node `linear_motor_<joint>`: one motor with its encoder, dN/command in, dN/encoder out, in the machine's process."""
+"""Node `linear_motor_<joint>`: a motor with its encoder; dN/command in, dN/encoder out; in the machine's process."""
 
 from functools import partial
 
@@ -8,7 +8,7 @@ from pkm_nodes.runtime.node import PkmNode
 
 
 class LinearMotorNode(PkmNode):
-    """One motor with its encoder; the mechanism behind it belongs to `MachineNode`."""
+    """A motor with its encoder; `MachineNode` simulates the mechanism."""
 
     def __init__(self, joint, index, on_command, **kwargs):
         super().__init__(f'linear_motor_{joint}', **kwargs)
@@ -16,7 +16,7 @@ class LinearMotorNode(PkmNode):
         self._command = self.on_tick_topic(MotorCommand, f'{joint}/command', partial(on_command, index), raw=True)
 
     def is_heard(self):
-        """Tell whether every reader of the encoder that the graph knows of is connected, and there is one."""
+        """Return whether the encoder has a subscriber and all its subscribers in the graph are connected."""
         return self._publisher.get_subscription_count() >= max(1, self.count_subscribers(self._publisher.topic_name))
 
     def answering_nodes(self):
@@ -25,5 +25,5 @@ class LinearMotorNode(PkmNode):
         return sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found)
 
     def publish(self, tick, cycle, index, mode, counts, position):
-        """Send one encoder sample."""
+        """Publish one encoder sample."""
         self._send(ENCODER_SAMPLE.pack(tick, cycle, index, mode, counts, position))

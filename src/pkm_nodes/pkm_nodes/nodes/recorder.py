@@ -1,9 +1,9 @@
 """
-Node `recorder`: one MCAP bag per motion cycle, every sample accounted for; `pkm_core.recording` does the work.
+Node `recorder`: one MCAP bag per motion cycle, with every sample accounted for, by `pkm_core.recording`.
 
-Messages are taken raw, as the serialized bytes DDS delivers. On recorder/tick it reports how far it has come, first
-when it is connected to every joint and to who leads them, and knows the parameters of the cell: a machine told to wait
-for it neither starts too early nor runs out of its queue. What has become of a cycle is told with a RECORDED or
+Messages are taken serialized, as DDS delivers them. On recorder/tick the node reports the last tick it has recorded,
+first when it is connected to every joint and to the trajectory source and has the parameters of the cell. A machine
+that waits for the recorder thus neither starts too early nor overruns its queues. Each cycle results in a RECORDED or a
 NOT_RECORDED event.
 """
 
@@ -27,10 +27,10 @@ from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.graph_parameters import GraphParameters
 from pkm_nodes.parts.loaded_config import CONFIG_HASH
-from pkm_nodes.runtime.lockstep import PatientGroup
-from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point, listen_in
+from pkm_nodes.runtime.groups import PatientGroup
+from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
 
-# those of the servo tick, and the states that come with them: deep queues
+# topics of the servo tick and its states: deep queues
 _WITH_TICKS = (By.TICK, By.STAMP, By.TIME)
 # [s] of simulated time; the longest pre-roll of four joints takes some 100 MB
 _LONGEST_PREROLL = 60.0
@@ -43,8 +43,8 @@ class RecorderNode(PkmNode):
     Parameters
     ----------
     neighbours : sequence of PkmNode
-        Other nodes of this process. What they take of the servo tick as bytes is recorded as they take it: readers of
-        its own, eight more deliveries and takes a tick, would cost as much as all the rest of recording.
+        Other nodes of this process, whose subscriptions of the servo tick are tapped. Subscriptions of its own, eight
+        more deliveries and takes per tick, would cost as much as all the rest of recording.
 
     """
 
@@ -52,11 +52,11 @@ class RecorderNode(PkmNode):
         super().__init__('recorder', **kwargs)
         machine = self.machine_setting()
         control = self.control_setting()
-        folder = self.setting('folder', 'bags', 'folder that takes one bag a cycle')
-        preroll = self.setting('preroll', 1.0, '[s] of simulated time that a snapshot reaches back')
+        folder = self.setting('folder', 'bags', 'folder of the bags, one per cycle')
+        preroll = self.setting('preroll', 1.0, 'simulated time [s] that a snapshot reaches back')
         self.check_settings()
         if preroll > _LONGEST_PREROLL:
-            raise ConfigError(f'recorder: preroll is {preroll} s; expected at most {_LONGEST_PREROLL:.0f} s')
+            raise ConfigError(f'recorder: preroll is {preroll} s; allowed: at most {_LONGEST_PREROLL:.0f} s')
         self._machine, model = machine, load_machine(machine)
         self._configuration = model.configuration
         self._loop_at_start = loop_hash(model, control, machine_hash(machine, model.configuration))
@@ -69,8 +69,7 @@ class RecorderNode(PkmNode):
         )
         self._queue = PatientGroup(self._serve)
         self._tick_subscriptions = []
-        theirs = [s for node in neighbours for s in node.subscriptions if s.callback_group is node.hot_group and s.raw]
-        taken = {subscription.topic_name: subscription for subscription in theirs}
+        taken = {s.topic_name: s for node in neighbours for s in node.tick_subscriptions if s.raw}
         for name, topic in topics.items():
             self._listen(name, topic, taken.get(name))
         self._progress = self.create_publisher(UInt64, 'recorder/tick', TICK_QOS)
@@ -89,20 +88,20 @@ class RecorderNode(PkmNode):
         self._connected = 0
 
     def _listen(self, name, topic, taken):
-        """Record a topic; `taken` is the subscription of a neighbour that takes the same messages, or None."""
+        """Record a topic; `taken` is the `TickSubscription` of a neighbour to the same topic, or None."""
         message_type, take = find_interface(topic.kind, 'msg'), self._recording.takers[name]
         if taken is not None:
-            listen_in(taken, take)
+            taken.tap(take)
             self._tick_subscriptions.append(taken)
             return
-        # all in one group: events that were served after the ticks of many cycles would end the wrong one
+        # one group for all: events served after the ticks of many cycles would end the wrong cycle
         qos = TICK_QOS if topic.by in _WITH_TICKS else CYCLE_QOS
         subscription = self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)
         if topic.by is By.TICK:
             self._tick_subscriptions.append(subscription)
 
     def _facts(self, motion, law):
-        """Return what the metadata of a bag say beside the facts of its cycle."""
+        """Return the metadata of a bag that name software, configuration and parameters."""
         # a controller that is not of this project has no such parameter: then the files at the start of this node count
         loops = self._parameters_of_cell.values_of(CONFIG_HASH) or [self._loop_at_start]
         return {
@@ -115,18 +114,18 @@ class RecorderNode(PkmNode):
     def _is_offered(self, topic):
         return self.count_publishers(topic) > 0
 
-    # how far it has come
+    # progress
 
     def _serve(self):
-        """Sort what has come since the last turn, and tell the rest of the cell."""
+        """Sort the messages since the last turn; report progress and outcomes."""
         self._recording.sort()
         if self._reported is not None and self._recording.progress != self._reported:
             self._report_progress()
         while self._recording.outcomes:
-            self._tell(self._recording.outcomes.pop(0))
+            self._report_outcome(self._recording.outcomes.pop(0))
 
     def _announce(self):
-        """Report once at rest that all topics of a cycle are connected, and again when one of them has come back."""
+        """Report progress once all topics of a cycle are connected, and again after a reconnection."""
         self._parameters_of_cell.look_around()
         before = self._connected
         self._connected = sum(s.get_publisher_count() > 0 for s in self._tick_subscriptions) + self._is_led()
@@ -136,7 +135,7 @@ class RecorderNode(PkmNode):
             self._announcer.timer_period_ns = 1_000_000_000
 
     def _is_led(self):
-        """Tell whether somebody offers joint trajectories; the trajectory_generator does so for identification only."""
+        """Return whether joint_trajectory has a publisher other than trajectory_generator, which identifies only."""
         publishers = self.get_publishers_info_by_topic('joint_trajectory')
         return any(info.node_name != 'trajectory_generator' and info.node_name[0] != '_' for info in publishers)
 
@@ -148,9 +147,9 @@ class RecorderNode(PkmNode):
         self._recording.close_late()
         self._serve()
 
-    # what has become of it
+    # outcomes
 
-    def _tell(self, outcome):
+    def _report_outcome(self, outcome):
         if outcome.failure:
             self._failure = f'cycle {outcome.cycle}: {outcome.failure}'
             self.get_logger().error(f'not recorded: {self._failure}')
@@ -164,7 +163,7 @@ class RecorderNode(PkmNode):
                     f'cycle {outcome.cycle}: messages missing in {outcome.path}: {outcome.lost}; '
                     f'first and last of the ticks missing: {outcome.lost_ticks}'
                 )
-        if self.context.ok():  # otherwise stopped in the middle: the bag is whole, but there is nobody to tell
+        if self.context.ok():  # otherwise the bag is readable, but the context cannot publish
             self._events.publish(event, outcome.cycle, tick=outcome.tick, samples=outcome.messages, **text)
 
     def _publish_diagnostics(self):
@@ -185,10 +184,10 @@ class RecorderNode(PkmNode):
         self._diagnostics.publish(message)
 
     def destroy_node(self):
-        """Close whatever is open, so that a cell that is stopped in the middle leaves whole bags."""
+        """Close open bags, so that a cell stopped during a cycle leaves readable bags."""
         self._recording.close_all()
         while self._recording.outcomes:
-            self._tell(self._recording.outcomes.pop(0))
+            self._report_outcome(self._recording.outcomes.pop(0))
         self._lock.release()
         super().destroy_node()
 

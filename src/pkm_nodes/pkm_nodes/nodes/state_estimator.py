@@ -1,8 +1,8 @@
 """
-Node `state_estimator`: encoders in, the state of the machine in standard messages out, by forward kinematics.
+Node `state_estimator`: encoders in, the state of the machine as standard messages out, by forward kinematics.
 
-pose and joint_states go out always, for the recorder counts on them; twist and markers, which the recorder takes as
-well, only while somebody listens.
+pose and joint_states are always published, because the recorder expects them. twist and markers are published only
+while they have a subscriber.
 """
 
 from functools import partial
@@ -25,9 +25,9 @@ from pkm_nodes.messages.template import DOUBLE, POSE, STAMP, Template
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE
 from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
 
-# [ticks] markers go out at 20 Hz of simulated time: they cost more than everything else and are for eyes
+# [ticks] period of the markers, 20 Hz of simulated time: they cost most and are for display only
 MARKERS_EVERY = 100
-# states that wait for a joint whose samples lag: no further can it be behind and lose none
+# most states that wait for a joint whose samples lag: a joint further behind has lost samples
 _MOST_GATHERED = TICK_QOS.depth // STATES_EVERY
 
 
@@ -41,7 +41,7 @@ class StateEstimatorNode(PkmNode):
         joints = self._machine.joints
         self._previous = None  # tick, joints and pose of the last published state
         self._tick = -1  # of the last state
-        self._gathered = {}  # position by joint, by tick: the samples of one joint may lag behind those of the others
+        self._gathered = {}  # position by joint, by tick: samples of one joint may lag
         self._markers = LinkMarkers(self._machine)
         self._pose_publisher = self.create_publisher(PoseStamped, 'pose', CYCLE_QOS)
         self._twist_publisher = self.create_publisher(TwistStamped, 'twist', CYCLE_QOS)
@@ -65,7 +65,7 @@ class StateEstimatorNode(PkmNode):
             if len(self._gathered) > _MOST_GATHERED:
                 del self._gathered[next(iter(self._gathered))]
             return
-        restarted = tick <= self._tick  # a machine that was switched on anew counts from 0
+        restarted = tick <= self._tick  # a restarted machine counts from 0
         self._gathered = {} if restarted else {later: part for later, part in self._gathered.items() if later > tick}
         self._tick = tick
         self._publish(np.array([positions[i] for i in range(len(positions))]))
@@ -84,7 +84,7 @@ class StateEstimatorNode(PkmNode):
             self._publish_pose(time, pose)
         if pose and self._tick % MARKERS_EVERY == 0 and self._markers_publisher.get_subscription_count():
             self._markers_publisher.publish(self._markers.message(time, joints))
-        # mean speeds since the last state: 0.2 um counts over 10 ms are 20 um/s, so no filter is needed
+        # mean speed since the last state: one count of 0.2 um in 10 ms is 20 um/s, so no filter is needed
         elapsed = 0.0 if before is None else (self._tick - before[0]) * machine.sample_time
         self._publish_joints(time, joints, _rates(joints, before[1], elapsed) if elapsed > 0 else [])
         if elapsed > 0 and pose and before[2] and self._twist_publisher.get_subscription_count():
@@ -100,7 +100,7 @@ class StateEstimatorNode(PkmNode):
         self._twist_publisher.publish(self._twist.filled(numbers, time))
 
     def _publish_joints(self, time, positions, velocities):
-        """Publish motors first, then the passive joints, which are missing where the mechanism cannot stand."""
+        """Publish motors first, then passive joints, which are missing where forward kinematics has no solution."""
         key = (*positions, len(velocities))
         if key not in self._joint_states:
             gaps = {'position': len(positions) * [DOUBLE], 'velocity': len(velocities) * [DOUBLE]}
@@ -109,7 +109,7 @@ class StateEstimatorNode(PkmNode):
 
 
 def _rates(now, before, elapsed):
-    """Return the mean rates of the entries of `now`, or none if one of them is new."""
+    """Return the mean rates of the entries of `now`; none if the names differ from those of `before`."""
     if now.keys() != before.keys():
         return []
     return [(value - before[name]) / elapsed for name, value in now.items()]

@@ -1,1 +1,1 @@
-"""What every node runs on: node base class, lock-step executor and queues."""
+"""Base of every node: node class, lock-step executor, queues, and the fallback to rclpy's public API."""

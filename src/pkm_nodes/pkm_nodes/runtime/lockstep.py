@@ -1,79 +1,56 @@
 """
 The executor of the servo tick.
 
-A tick is a chain of short callbacks: encoder samples wake the controllers, their commands wake the machine. rclpy's
-executors look at every service, timer, parameter and event of every node, in Python, for each of them: 0.3 ms a
-callback for one node, several for a composed cell. Three things make the difference here:
+A tick is a chain of short callbacks: encoder samples trigger the controllers, their commands trigger the machine. For
+each callback the executors of rclpy inspect every service, timer, parameter and event of every node in Python: 0.3 ms
+per callback for one node, several for a composed cell. This executor differs in three points:
 
-- The subscriptions of the tick, those in a `HotGroup`, have a wait set of their own. While samples flow only that one
-  is waited on, and what is taken goes straight to the callback: no task, no lock, nothing looked up.
-- Whoever only listens to the tick, as a recorder does, need not be woken by it: subscriptions in a `PatientGroup` are
-  not waited on but emptied every `_EMPTY_EVERY`, many messages at a time (queues.py).
-- What a wait set must hold is gathered once and again only when an entity has come or gone, so that a look at all the
-  rest costs microseconds. It is taken every `_SERVE_EVERY` while samples flow, so parameters, services and timers are
-  served without being waited for. Where nothing flows the executor sleeps until something happens.
+- The subscriptions of the tick, those in a `HotGroup`, have a wait set of their own. While samples flow, only this one
+  is waited on, and messages go directly to the callbacks, without a task, a lock or a lookup.
+- Subscriptions in a `PatientGroup`, those of a recorder, do not wake the executor. Their queues are emptied every
+  `_EMPTY_EVERY`, many messages at a time (queues.py).
+- The entities of a wait set are collected once, and again only when an entity is created or destroyed. A poll of all
+  others takes microseconds. It is done every `_SERVE_EVERY` while samples flow, for parameters, services and timers.
+  Without samples the executor sleeps until an entity is ready.
 
-Quality-of-service events, of which every publisher and subscription has two, are half of all there is to look at and
-hardly ever happen: they are looked at every `_EVENTS_EVERY`.
+Every publisher and subscription has two quality-of-service events. They are half of all entities and rarely ready, so
+they are polled every `_EVENTS_EVERY`.
 
-Only what rclpy's own executors call is used of rclpy, but much of that is not public: the version is pinned.
+It uses the parts of rclpy that the executors of rclpy use. Many are not public: fast_path.py checks them.
 """
 
-import gc
 from contextlib import ExitStack
 from time import perf_counter, sleep
 
-import rclpy
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import EventHandler
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
+from pkm_nodes.runtime.groups import HotGroup, PatientGroup
 from pkm_nodes.runtime.queues import Taker
 
-# [s] how often all the rest gets a turn while ticks flow, and the most of the time that such turns may take: on a
-# computer that is short of time a turn takes long, and the next one comes later
+# [s] period at which all other entities are served while ticks flow, and the largest share of the time for it: on a
+# loaded computer this takes long, and the period grows
 _SERVE_EVERY = 0.05
 _SERVE_SHARE = 0.05
-# [ns] silence after which all the rest is waited for as well
+# [ns] time without a tick after which all entities are waited for
 _QUIET = 300_000
-# [s] how often patient subscriptions are emptied: some 200 ticks of the thousand they hold
+# [s] period at which patient subscriptions are emptied: some 200 ticks, of the thousand their queues hold
 _EMPTY_EVERY = 0.02
-# messages taken from one of them at a time, so that a fast publisher cannot keep the others waiting
+# most messages taken from one of them in a turn, so that a fast publisher does not block the others
 _EMPTY_AT_MOST = 1000
-# [s] how often quality-of-service events are looked at, and the longest sleep
+# [s] period at which quality-of-service events are polled, and the longest sleep
 _EVENTS_EVERY = 1.0
-# [s] pause where a callback is due in a group of which another one awaits something
+# [s] pause when a callback is due in a group of which another callback awaits a future
 _SUSPENDED = 0.001
-# what a wait set holds, in the order rclpy counts it
+# entities of a wait set, in the order of the constructor of `WaitSet`
 _KINDS = ('subscription', 'guard_condition', 'timer', 'client', 'service')
 
 
-class HotGroup(ReentrantCallbackGroup):
-    """Subscriptions of the servo tick; in another executor they are like any other."""
-
-
-class PatientGroup(ReentrantCallbackGroup):
-    """
-    Raw subscriptions whose messages may wait while ticks flow.
-
-    Their callbacks get the bytes of one message, or several messages of equal size as the rows of an array of bytes;
-    `emptied()` is called after every turn.
-    """
-
-    def __init__(self, emptied):
-        super().__init__()
-        self.emptied = emptied
-
-    def ending_execution(self, entity):
-        """Note that another executor has served a message."""
-        self.emptied()
-
-
 class LockstepExecutor(Executor):
-    """A single-threaded executor with a fast lane for the subscriptions in `HotGroup`s."""
+    """A single-threaded executor that serves the subscriptions in `HotGroup`s first."""
 
     def __init__(self, *, context=None):
         self._outdated = True
@@ -81,21 +58,21 @@ class LockstepExecutor(Executor):
         self._held = ExitStack()
 
     def wake(self):
-        """Note that an entity has come or gone, or that the context is shut down."""
+        """Note that an entity was created, destroyed or changed, or that the context is shut down."""
         self._outdated = True
         super().wake()
 
     def add_node(self, node):
-        """Serve `node` too."""
+        """Add a node to be served."""
         self._outdated = True
         return super().add_node(node)
 
     def remove_node(self, node):
-        """Serve `node` no longer."""
+        """Stop serving `node`."""
         self._outdated = True
         super().remove_node(node)
 
-    def run(self):
+    def spin(self):
         """Serve all nodes until the context is shut down."""
         with self._held:
             events_at = perf_counter() + _EVENTS_EVERY
@@ -109,7 +86,7 @@ class LockstepExecutor(Executor):
                     events_at = perf_counter() + _EVENTS_EVERY
 
     def _gather(self):
-        """Look up all there is to wait for, and hold it: what is destroyed by another thread may be waited for now."""
+        """Collect all entities and hold them: another thread may destroy one while it is waited for."""
         self._outdated = False
         self._held.close()
         self._held.enter_context(self._context.handle)
@@ -142,9 +119,9 @@ class LockstepExecutor(Executor):
         self._queues = _Queues(patient)
 
     def _run_flow(self):
-        """Serve the tick until nothing has come for `_QUIET`."""
+        """Serve the tick until no message has arrived for `_QUIET`."""
         handles, takes, wait_set = self._hot, self._takes, self._hot_wait_set
-        timeout = 0  # perhaps it was not the tick that woke the executor
+        timeout = 0  # another entity may have ended the waiting
         empty_at = 0.0
         serve_at = perf_counter() + _SERVE_EVERY
         while not self._outdated and self._context.ok():
@@ -175,14 +152,14 @@ class LockstepExecutor(Executor):
                 serve_at = end + max(_SERVE_EVERY, (end - now) / _SERVE_SHARE)
 
     def _serve(self, waiting, timeout):
-        """Wait for up to `timeout` [ns] and serve who is ready then, each once."""
+        """Wait for up to `timeout` [ns] and serve the ready entities once each."""
         ready = waiting.wait(timeout)
         with self._tasks_lock:
             self._tasks += [(Task(_execute, pair, executor=self), None, None) for pair in ready]
         self._run_tasks()
 
     def _run_tasks(self):
-        """Run what was begun as long as something gets done: callbacks, coroutines, and what futures call then."""
+        """Run tasks, and those they create, until none of them makes progress."""
         done = True
         while done:
             with self._tasks_lock:
@@ -193,7 +170,7 @@ class LockstepExecutor(Executor):
                 task()
                 if task.done():
                     done = True
-                    task.result()  # raises what the callback has raised
+                    task.result()  # raises the exception of the callback
                 elif not task.cancelled():
                     pending.append(entry)
             with self._tasks_lock:
@@ -202,17 +179,17 @@ class LockstepExecutor(Executor):
 
 class _Waiting:
     """
-    A wait set that is filled again and again with the same entities.
+    A wait set that is filled repeatedly with the same entities.
 
     Parameters
     ----------
     context : Context
     entities : dict of str to list
-        (entity, how to take from it) by their kind.
+        (entity, function that takes from it) by kind.
     waitables : list
-        (waitable, how to take from it): actions and events.
+        (waitable, function that takes from it): actions and events.
     guards, subscriptions : list
-        Handles of what only ends the waiting.
+        Handles that only end the waiting.
 
     """
 
@@ -229,7 +206,7 @@ class _Waiting:
         self._waitables = waitables
 
     def wait(self, timeout):
-        """Wait for up to `timeout` [ns]; return (entity, how to take from it) of those that are ready."""
+        """Wait for up to `timeout` [ns]; return (entity, function that takes from it) of the ready ones."""
         wait_set = self._wait_set
         wait_set.clear_entities()
         for add, handle in self._fill:
@@ -240,7 +217,7 @@ class _Waiting:
         ready = [pair for pair in self._waitables if pair[0].is_ready(wait_set)]
         for kind, entities in self._entities.items():
             found = [entities[pointer] for pointer in wait_set.get_ready_entities(kind) if pointer in entities]
-            # rcl shows timers that were cancelled as ready
+            # rcl reports cancelled timers as ready
             ready += [pair for pair in found if kind != 'timer' or pair[0].handle.is_timer_ready()]
         return ready
 
@@ -254,7 +231,7 @@ class _Queues:
         self._groups = {subscription.callback_group for subscription in subscriptions}
 
     def empty(self):
-        """Hand over what waits; tell whether there was anything."""
+        """Pass the waiting messages to the callbacks; return whether there were any."""
         found = 0
         for pointer, callback in self._callbacks:
             found += self._taker.take(pointer, callback, _EMPTY_AT_MOST)
@@ -264,7 +241,7 @@ class _Queues:
 
 
 async def _execute(entity, take):
-    """Call the callback of `entity` with what `take` takes from it, unless another one of its group is suspended."""
+    """Call the callback of `entity` with what `take` takes, unless a callback of its group is suspended."""
     if not entity.callback_group.beginning_execution(entity):
         sleep(_SUSPENDED)
         return
@@ -277,16 +254,5 @@ async def _execute(entity, take):
 
 
 def _take_of(subscription):
-    """Return what it takes to serve `subscription`, looked up once and not with every message."""
+    """Return what is needed to serve `subscription`, so that it is not looked up for every message."""
     return subscription.handle.take_message, subscription.msg_type, subscription.raw, subscription.callback
-
-
-def spin(nodes):
-    """Serve `nodes` in one lock-step executor until the context is shut down."""
-    executor = LockstepExecutor(context=rclpy.get_default_context())
-    for node in nodes:
-        executor.add_node(node)
-    # what is there now stays: a garbage collection that walks through all of it takes 0.1 s
-    gc.collect()
-    gc.freeze()
-    executor.run()

@@ -1,5 +1,6 @@
-"""What every node of the cell shares: its namespace, checked parameters, quality of service, and how it is run."""
+"""Base class of the nodes of the cell: namespace, checked parameters, quality of service, and the main loop."""
 
+import gc
 import signal
 import sys
 from contextlib import suppress
@@ -15,13 +16,15 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from std_srvs.srv import Trigger
 
 from pkm_core.errors import ConfigError, PkmError
-from pkm_nodes.runtime.lockstep import HotGroup, spin
+from pkm_nodes.runtime.fast_path import FAST_PATH
+from pkm_nodes.runtime.groups import HotGroup
+from pkm_nodes.runtime.tick_subscription import TickSubscription
 
 RCLError = rclpy_implementation.RCLError
 
 
 def reliable(depth):
-    """Return the profile of the cell's topics: nothing is lost, nothing old is sent to a late reader."""
+    """Return the quality of service of the cell's topics: reliable, without old messages for a late reader."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -30,11 +33,11 @@ def reliable(depth):
     )
 
 
-# The servo tick: deep enough for a recorder that lags by the machine's largest recorder_window.
+# Servo tick: deep enough for a recorder that lags by the machine's largest recorder_window.
 TICK_QOS = reliable(1000)
 # Trajectories and events of a cycle.
 CYCLE_QOS = reliable(100)
-# A state: whoever comes late gets the last value.
+# A state: a late subscriber gets the last value.
 LAST_VALUE_QOS = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -61,6 +64,7 @@ class PkmNode(Node):
         super().__init__(name, **{'namespace': 'pkm', **kwargs})
         self._known_elsewhere = frozenset(known_elsewhere)
         self.hot_group = HotGroup()
+        self.tick_subscriptions = []
 
     def setting(self, name, default, description):
         """
@@ -111,7 +115,7 @@ class PkmNode(Node):
         """
         Offer `do()` as the std_srvs/Trigger service `name`.
 
-        What it returns, if anything, is the answer's message; a `PkmError` it raises is the refusal.
+        The text it returns, if any, is the message of the response; a `PkmError` is a refusal with its text.
         """
 
         def answer(_, response):
@@ -124,34 +128,36 @@ class PkmNode(Node):
         self.create_service(Trigger, name, answer)
 
     def on_tick_topic(self, message_type, topic, callback, *, raw=False):
-        """Subscribe to a topic of the servo tick: served before everything else, `raw` as bytes (tick_messages.py)."""
-        return self.create_subscription(message_type, topic, callback, TICK_QOS, callback_group=self.hot_group, raw=raw)
+        """Return a `TickSubscription` to `topic`, served before everything else; `raw` gives serialized messages."""
+        subscription = TickSubscription(self, message_type, topic, callback, TICK_QOS, raw=raw)
+        self.tick_subscriptions.append(subscription)
+        return subscription
 
     def tick_publisher(self, message_type, topic):
-        """Return a publisher on a topic of the servo tick, and the function that sends bytes on it."""
+        """Return a publisher on a topic of the servo tick, and the function that publishes serialized messages."""
         publisher = self.create_publisher(message_type, topic, TICK_QOS)
-        return publisher, publisher.handle.publish_raw  # `publish` would find out every time what it was given
+        return publisher, FAST_PATH.sender(publisher, self.context)
 
 
-def listen_in(subscription, callback):
-    """Call `callback(message)` too, and first, with every message that another node's `subscription` takes."""
-    owner = subscription.callback
+def spin(nodes):
+    """Serve `nodes` in one executor until the context is shut down."""
+    executor = FAST_PATH.executor(rclpy.get_default_context())
+    for node in nodes:
+        executor.add_node(node)
+    # exempt all present objects from garbage collection: a full one takes 0.1 s
+    gc.collect()
+    gc.freeze()
+    executor.spin()
 
-    def both(message):
-        callback(message)
-        owner(message)
 
-    subscription.callback = both
-
-
-def run(make_nodes, args=None, *, spin=spin):
+def run(make_nodes, args=None):
     """
-    Run the nodes `make_nodes()` returns in `spin(nodes)` until interrupted; return the process's exit code.
+    Run the nodes `make_nodes()` returns until interrupted; return the exit code of the process.
 
-    A configuration or parameter that is refused ends the process with one line and code 1.
+    A refused configuration or parameter ends the process with one line and code 1.
     """
-    # rclpy's handler ends the executor between two callbacks; a KeyboardInterrupt would end one in its midst, and the
-    # recorder's bag would be broken
+    # rclpy's signal handler ends the executor between two callbacks; a KeyboardInterrupt would end a callback, and
+    # break the bag of the recorder
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     rclpy.init(args=args)
     nodes = []
@@ -167,7 +173,7 @@ def run(make_nodes, args=None, *, spin=spin):
     finally:
         for node in nodes:
             node.destroy_node()
-        with suppress(RCLError):  # the signal handler's thread may be faster
+        with suppress(RCLError):  # the thread of the signal handler may have done so
             rclpy.try_shutdown()
     return 0
 

@@ -1,9 +1,9 @@
 """
-What waits in the queues of subscriptions, taken many messages at a time.
+Takes the messages in the queues of subscriptions, many at a time.
 
-rclpy makes a Python object of every message and of what it says of it, 1.2 us each. Whoever only listens to the servo
-tick, eight messages long, is better off with the bytes of all that has come since it last looked. The loop over
-`rcl_take_serialized_message` is compiled, 0.3 us a message; it is what rclpy's own take of raw messages calls.
+rclpy makes Python objects of every message and of its metadata, 1.2 us per message. A recorder gets eight messages per
+tick and needs only their bytes. Here the loop over `rcl_take_serialized_message`, the function that rclpy calls for raw
+messages, is compiled: 0.3 us per message. The structures of rcl and rcutils are not public: fast_path.py checks them.
 """
 
 import ctypes
@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, types
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
-# rclpy has loaded both, so their names are enough; what is compiled here finds only what is global
+# rclpy has loaded both, so no path is needed; compiled code finds global symbols only
 ctypes.CDLL('librcl.so', ctypes.RTLD_GLOBAL)
 _rcutils = ctypes.CDLL('librcutils.so')
 _take_serialized = types.ExternalFunction('rcl_take_serialized_message', types.int32(*4 * [types.intp]))
@@ -20,9 +20,9 @@ _copy = types.ExternalFunction('memcpy', types.intp(*3 * [types.intp]))
 
 # of rcl/types.h
 _OK, _NOTHING = 0, 401  # RCL_RET_OK, RCL_RET_SUBSCRIPTION_TAKE_FAILED
-# rcutils_uint8_array_t as eight words: buffer, length, capacity and the five of its allocator
+# rcutils_uint8_array_t as eight words: buffer, length, capacity and five of its allocator
 _BUFFER, _LENGTH, _ALLOCATOR, _WORDS = 0, 1, 3, 8
-# [bytes] room for the messages that are handed over at once: a thousand of the servo tick
+# [bytes] room for one block of messages: a thousand of the servo tick
 _ROOM = 64 * 1024
 
 
@@ -38,14 +38,14 @@ def _take_alike(subscription, message, content, most):
     """
     Copy up to `most` messages of equal size from the queue of `subscription` to `content`.
 
-    The first one of another size, or one that finds no room, stays in `message` for the next call.
+    The first message of another size, or without room, stays in `message` for the next call.
 
     Returns
     -------
     number, end : int
-        Of the messages in `content`, and where they end [bytes].
+        Number of the messages in `content`, and their end in it [bytes].
     code : int
-        Of rcl: `_OK` unless there is no more, or something is wrong.
+        Return code of rcl: `_OK`, `_NOTHING` when the queue is empty, or an error.
 
     """
     number, end = 0, 0
@@ -66,7 +66,7 @@ def _take_alike(subscription, message, content, most):
 
 
 class Taker:
-    """Takes the messages of raw subscriptions, one subscription after the other."""
+    """Takes the messages of raw subscriptions, one subscription per call."""
 
     def __init__(self):
         self._content = np.empty(_ROOM, np.uint8)
@@ -78,21 +78,26 @@ class Taker:
 
     def take(self, subscription, callback, enough):
         """
-        Call `callback(messages)` with what waits, oldest first, until there is no more or it has been enough.
+        Call `callback(messages)` with the waiting messages, oldest first, until none is left or `enough` were taken.
 
         Parameters
         ----------
         subscription : int
-            Address of its rcl_subscription_t; whoever calls keeps it alive.
+            Address of its rcl_subscription_t; the caller keeps it alive.
         callback : callable
             Takes messages of equal size, the rows of an array of bytes.
         enough : int
-            After how many messages the rest is left for another time.
+            Number of messages after which the others stay in the queue.
 
         Returns
         -------
         taken : int
-            How many there were.
+            Number of messages.
+
+        Raises
+        ------
+        RCLError
+            If rcl returns an error.
 
         """
         taken, code = 0, _OK
@@ -105,11 +110,11 @@ class Taker:
                 number = 1
             taken += number
         if code not in (_OK, _NOTHING):
-            raise _rclpy.RCLError(f'rcl_take_serialized_message has returned {code}')
+            raise _rclpy.RCLError(f'rcl_take_serialized_message: returned {code}; expected {_OK} or {_NOTHING}')
         return taken
 
     def _take_large(self):
-        """Return the message that is larger than all the room."""
+        """Return the message in `_message`, which is larger than the room for a block."""
         data = ctypes.string_at(int(self._message[_BUFFER]), int(self._message[_LENGTH]))
         self._message[_LENGTH] = 0
         return np.frombuffer(data, np.uint8)[np.newaxis]

@@ -1,0 +1,207 @@
+"""
+Sorts the serialized messages of a cell into cycles.
+
+A message belongs to a cycle by its tick, cycle number or stamp. Messages of the servo tick arrive thousands of times
+per second: they are collected until `Sorter.sort` is called and then sorted in blocks, many ticks of a topic at a time.
+"""
+
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from pkm_core.bag.layout import layout_of
+from pkm_core.bag.message_types import typestore
+from pkm_core.recording.block import Block, numbers_at, rows, single
+from pkm_core.recording.topics import By
+
+_EVENT = 'pkm_interfaces/msg/CycleEvent'
+_SECOND = 1_000_000_000  # ns
+
+
+class Sorter:
+    """
+    Assigns messages to cycles.
+
+    Parameters
+    ----------
+    topics : dict of str to RecordedTopic
+        By resolved name.
+    cycles : Cycles
+    preroll : PreRoll
+        Takes every message with a simulated time, recorded or not.
+    sample_time_ns : int
+        [ns]
+    warn : callable
+        Takes a text about a message that is not recorded.
+
+    Attributes
+    ----------
+    takers : dict of str to callable
+        By topic; takes one serialized message, or several of equal size as the rows of an (n, size) array of bytes.
+
+    """
+
+    def __init__(self, topics, cycles, preroll, sample_time_ns, warn):
+        self._topics, self._cycles, self._preroll, self._warn = topics, cycles, preroll, warn
+        self._tick_ns = sample_time_ns
+        self._types = typestore()
+        self._places = {name: layout_of(topic.kind).places for name, topic in topics.items()}
+        # prefixes of the cell, from the names of its own topics: ('/pkm/',)
+        self._spaces = tuple({name.removesuffix(t.name) for name, t in topics.items() if t.name[0] != '/'})
+        self._fresh = {name: [] for name, topic in topics.items() if topic.by is By.TICK}  # messages to be sorted
+        self._states: list[Block] = []  # states and measurements that arrived before their tick
+        self.takers = {name: self._taker(name, topic) for name, topic in topics.items()}
+
+    def _taker(self, name, topic):
+        if topic.by is By.TICK:
+            return self._fresh[name].append
+        takers: dict = {  # each takes the topic and the rows of its messages
+            By.CYCLE: self._take_of_cycle,
+            By.STAMP: partial(self._take_stamped, topic.stamp),
+            By.TIME: self._take_timed,
+            By.TRAJECTORY: self._take_trajectories,
+            By.EVENT: self._take_events,
+            By.ARRIVAL: self._take_arrival,
+        }
+        take = takers[topic.by]
+        return lambda data: take(name, rows(data))
+
+    def sort(self):
+        """Sort the messages of the servo tick that arrived since the last call."""
+        anything = False
+        for topic, fresh in self._fresh.items():
+            if not fresh:
+                continue
+            anything = True
+            messages = rows(b''.join(fresh), size=rows(fresh[0]).shape[1])
+            fresh.clear()
+            places = self._places[topic]
+            # signed, because numpy mixes uint64 and int64 to float64
+            ticks = numbers_at(messages, places['tick']).view(np.int64)
+            numbers = numbers_at(messages, places['cycle'])
+            cuts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+            for begin, end in pairwise([0, *cuts, len(numbers)]):  # one block per cycle
+                self._sort_block(Block(topic, messages[begin:end], ticks[begin:end]), int(numbers[begin]))
+        if anything or self._states:
+            self._place_states()
+            for cycle in self._cycles:
+                self._cycles.keep_together(cycle)
+                self._cycles.advance(cycle)
+
+    def _sort_block(self, block, number):
+        """Take a block of the servo tick that belongs to cycle `number` as a whole."""
+        late = block.ticks < self._cycles.end_of(number)
+        for _ in range(late.sum()):
+            self._warn_of_late(block.topic, number)
+        if late.all():
+            return
+        block, cycle = block.where(~late), self._cycles.of(number)
+        if cycle.first_tick is None:
+            self._start(cycle, int(block.ticks[0]))
+        self._cycles.progress.reach(block.topic, int(block.ticks[-1]))
+        self._preroll.take(block)
+        self._cycles.put_ticks(cycle, block)
+
+    def _start(self, cycle, tick):
+        """Start `cycle` with its first tick; a restarted machine counts from 0."""
+        if self._cycles.start(cycle, tick) and tick <= self._cycles.progress.slowest:
+            self._cycles.progress.restart(tick - 1)
+            self._preroll.clear()
+
+    def _take_of_cycle(self, topic, messages):
+        self.sort()
+        for message, number in zip(messages, self._numbers(topic, 'cycle', messages).tolist(), strict=True):
+            if self._cycles.is_closed(number):
+                self._warn_of_late(topic, number)
+                continue
+            cycle = self._cycles.of(number)
+            self._cycles.put(cycle, single(topic, message, cycle.last_tick))
+
+    def _numbers(self, topic, path, messages):
+        """Return the field `path` of `messages`, (n,)."""
+        return numbers_at(messages, self._places[topic][path])
+
+    def _take_stamped(self, stamp, topic, messages):
+        if messages.shape[1] < self._places[topic][f'{stamp}.nanosec'].offset + 4:  # a sequence without elements
+            return
+        seconds = self._numbers(topic, f'{stamp}.sec', messages).astype(np.int64)
+        nanoseconds = _SECOND * seconds + self._numbers(topic, f'{stamp}.nanosec', messages)
+        self._states.append(Block(topic, messages, nanoseconds // self._tick_ns))
+
+    def _take_timed(self, topic, messages):
+        nanoseconds = np.rint(self._numbers(topic, 'time', messages) * 1e9).astype(np.int64)
+        self._states.append(Block(topic, messages, nanoseconds // self._tick_ns))
+
+    def _place_states(self):
+        """Put the states up to the last tick into the newest cycle that holds it; an older one may have no end yet."""
+        reached = self._cycles.progress.fastest
+        states, self._states = self._states, []
+        for block in states:
+            early = block.ticks > reached
+            if early.any():
+                self._states.append(block.where(early))
+            if not early.all():
+                self._place(block.where(~early))
+
+    def _place(self, block):
+        self._preroll.take(block)
+        for cycle in reversed(self._cycles):
+            held = cycle.holds(block.ticks)
+            if held.any():
+                self._cycles.put(cycle, block.where(held))
+                block = block.where(~held)
+        for tick in block.ticks:
+            self._warn(f'{block.topic}: the state of tick {tick} belongs to no open cycle; not recorded')
+
+    def _take_arrival(self, topic, messages):
+        """Put messages without a simulated time into the running cycle; between cycles they are not recorded."""
+        running = self._cycles.current()
+        for message in messages if running else ():
+            if self._is_foreign(topic, message):
+                continue
+            block = single(topic, message, running.last_tick)
+            self._preroll.take(block)
+            self._cycles.put(running, block)
+
+    def _is_foreign(self, topic, message):
+        """Return whether a message of diagnostics, a topic shared by all cells of a graph, is of another cell."""
+        statuses = self._types.deserialize_cdr(message.tobytes(), self._topics[topic].kind).status
+        return bool(statuses) and not any(status.name.startswith(self._spaces) for status in statuses)
+
+    def _take_trajectories(self, topic, messages):
+        for message in messages:
+            data = message.tobytes()
+            self._preroll.take_trajectory(topic, data)
+            trajectory = self._types.deserialize_cdr(data, self._topics[topic].kind)
+            self._cycles.reopen(trajectory.cycle)
+            cycle = self._cycles.of(trajectory.cycle)
+            cycle.take_trajectory(topic, data, trajectory)
+            self._cycles.advance(cycle)
+
+    def _take_events(self, topic, messages):
+        self.sort()
+        for message in messages:
+            self._take_event(topic, message)
+
+    def _take_event(self, topic, message):
+        event = self._types.deserialize_cdr(message.tobytes(), _EVENT)
+        if event.event in (event.RECORDED, event.NOT_RECORDED, event.RESET):
+            return
+        if self._cycles.is_closed(event.cycle):
+            self._warn_of_late(topic, event.cycle)
+            return
+        cycle = self._cycles.of(event.cycle)
+        if event.event == event.STARTED:
+            self._cycles.interrupt_others(cycle)
+            self._start(cycle, event.tick)
+        if cycle.last_tick is not None:
+            self._preroll.take(single(topic, message, cycle.last_tick))
+        self._cycles.put(cycle, single(topic, message, event.tick or cycle.last_tick))
+        if event.event in (event.FINISHED, event.FAULT) and cycle.first_tick is not None:
+            self._cycles.end(cycle, event)
+            self._place_states()
+            self._cycles.advance(cycle)
+
+    def _warn_of_late(self, topic, number):
+        self._warn(f'{topic}: a message of cycle {number} arrived after its bag was closed; not recorded')
