@@ -194,7 +194,7 @@ def test_clock_is_published_in_simulated_time(graph, controllers, machine):
     [
         ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown; .*'four_dof'"),
         ({'environment': 'soft'}, r"'soft'.*'nominal'"),
-        ({'seed': -1}, r'seed -1 given; expected a whole number from 0'),
+        ({'seed': -1}, r'seed -1 given; allowed: whole numbers from 0'),
         ({'recorder_window': 0}, 'machine: recorder_window is 0 ticks; expected 1 to 999'),
         ({'recorder_window': -5}, 'machine: recorder_window is -5 ticks'),
         ({'recorder_window': 1000}, 'machine: recorder_window is 1000 ticks'),

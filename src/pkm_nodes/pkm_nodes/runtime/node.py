@@ -191,7 +191,7 @@ def entry_point(make):
     Returns
     -------
     main : callable
-        ``main(args=None, *, spin=spin)`` runs the nodes, see `run`, and ends the process with the exit code.
+        ``main(args=None)`` runs the nodes, see `run`, and ends the process with the exit code.
 
     """
 
@@ -199,7 +199,7 @@ def entry_point(make):
         made = make()
         return made if isinstance(made, list) else [made, *getattr(made, 'parts', ())]
 
-    def main(args=None, *, spin=spin):
-        sys.exit(run(make_nodes, args, spin=spin))
+    def main(args=None):
+        sys.exit(run(make_nodes, args))
 
     return main
