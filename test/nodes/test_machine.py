@@ -1,4 +1,4 @@
-"""The machine and its motors: how cycles start, which answers count; the test is its controllers."""
+"""The machine and its motors: start of a cycle and accepted answers; the test replaces the joint controllers."""
 
 import math
 
@@ -18,7 +18,7 @@ from support.controllers import IN_TIME, JOINTS
 
 @pytest.fixture
 def counts_of_a_cycle(graph, controllers):
-    """Return a function that runs 10 ticks on a fresh machine and gives what the encoders counted."""
+    """Return a function that runs 10 ticks on a fresh machine and returns the encoder counts."""
 
     def run(volts=0.0, *, before_each_answer=lambda tick: None):
         machine = graph.start(MachineNode)
@@ -56,7 +56,7 @@ def test_cycle_starts_only_when_all_joints_have_loaded_it(graph, controllers):
     controllers.wait_for(0)
 
 
-def test_joints_that_have_loaded_another_cycle_do_not_count(graph, controllers):
+def test_joints_with_another_cycle_do_not_count(graph, controllers):
     graph.start(MachineNode)
     controllers.load(1, 10, joints=JOINTS[:3])
     controllers.load(2, 10, joints=JOINTS[3:])
@@ -96,7 +96,7 @@ def test_machine_advances_only_when_every_joint_has_answered(graph, controllers)
     controllers.wait_for(1)
 
 
-def test_cycle_ends_with_its_last_tick_and_the_next_one_goes_on_from_there(graph, controllers):
+def test_next_cycle_continues_the_tick_count(graph, controllers):
     graph.start(MachineNode)
     controllers.load(1, 3)
     controllers.run(0, 3)
@@ -109,7 +109,7 @@ def test_cycle_ends_with_its_last_tick_and_the_next_one_goes_on_from_there(graph
         assert [(s.tick, s.cycle, s.index) for s in heard] == [(0, 1, 0), (1, 1, 1), (2, 1, 2), (3, 2, 0), (4, 2, 1)]
 
 
-def test_cycle_that_has_run_is_not_started_again_by_a_late_word_of_the_joints(graph, controllers):
+def test_late_loaded_events_do_not_start_a_cycle_again(graph, controllers):
     graph.start(MachineNode)
     controllers.load(1, 3)
     controllers.run(0, 3)
@@ -121,7 +121,7 @@ def test_cycle_that_has_run_is_not_started_again_by_a_late_word_of_the_joints(gr
     controllers.wait_for(3)
 
 
-def test_whoever_comes_late_hears_which_cycle_was_started_last(graph, controllers):
+def test_late_subscriber_gets_the_number_of_the_last_cycle(graph, controllers):
     graph.start(MachineNode)
     controllers.load(7, 3)
     graph.next_event(CycleEvent.STARTED)
@@ -167,14 +167,13 @@ def test_second_answer_to_a_tick_is_counted_and_never_applied(graph, controllers
 
     assert counts_of_a_cycle(before_each_answer=answer_twice) == counts_of_a_cycle()
     graph.start(MachineNode)
-    controllers.answer(0, joints=['d5'])  # nobody has asked
+    controllers.answer(0, joints=['d5'])  # no tick is awaited
     assert stale_counts(graph, diagnostics) == {'d1': 0, 'd3': 0, 'd5': 1, 'd7': 0}
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf])
-def test_voltage_that_is_not_finite_is_not_applied_and_the_machine_waits_for_a_finite_one(
-    controllers, counts_of_a_cycle, bad
-):
+def test_voltage_that_is_not_finite_is_not_applied(controllers, counts_of_a_cycle, bad):
+    """The machine waits for a finite one."""
     disturbed = counts_of_a_cycle(before_each_answer=lambda tick: controllers.answer(tick, bad, joints=['d5']))
     assert disturbed == counts_of_a_cycle()
 
@@ -203,7 +202,7 @@ def test_clock_is_published_in_simulated_time(graph, controllers, machine):
         ({'start_timeout': -1.0}, r'/pkm/machine: start_timeout is -1.0; expected a positive, finite number'),
     ],
 )
-def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
     with pytest.raises(PkmError, match=text):
         graph.start(MachineNode, **parameters)
 

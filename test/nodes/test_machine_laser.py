@@ -1,4 +1,4 @@
-"""What the laser of the machine tells, and when; the test stands in the place of the joint controllers."""
+"""Laser samples of the machine and their times; the test replaces the joint controllers."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from pkm_nodes.nodes.machine import LASER_EVERY, MachineNode
 from support.controllers import IN_TIME
 
 
-def test_laser_samples_of_a_cycle_are_told_before_its_end_and_go_on_in_the_next(graph, controllers, machine):
+def test_laser_samples_continue_over_two_cycles(graph, controllers, machine):
     graph.start(MachineNode)
     laser = graph.listen(LaserSample, 'laser')
     controllers.load(1, 30)
@@ -33,7 +33,7 @@ def test_laser_samples_of_a_cycle_are_told_before_its_end_and_go_on_in_the_next(
     assert list(laser[-1].displacement) == pytest.approx(moved.tolist(), abs=5e-6, rel=0.05)
 
 
-def test_laser_measures_through_a_safe_stop_and_after_the_reset(graph, controllers, machine):
+def test_laser_measures_during_a_safe_stop_and_after_the_reset(graph, controllers, machine):
     graph.start(MachineNode, answer_timeout=IN_TIME)
     laser = graph.listen(LaserSample, 'laser')
     controllers.load(1, 30)

@@ -1,4 +1,4 @@
-"""How the machine waits for a recorder; the test stands in its place and in that of the joint controllers."""
+"""How the machine waits for a recorder; the test replaces the recorder and the joint controllers."""
 
 from std_msgs.msg import UInt64
 
@@ -7,8 +7,8 @@ from pkm_nodes.nodes.machine import MachineNode
 from support.controllers import IN_TIME
 
 
-def test_machine_starts_with_trajectories_that_come_after_the_first_word_of_the_recorder(graph, controllers):
-    """Those before it the recorder may have missed; they are sent again every second."""
+def test_trajectories_before_the_recorder_reports_do_not_count(graph, controllers):
+    """The recorder may have missed them; they are resent every second."""
     graph.start(MachineNode, wait_for_recorder=True)
     recorder = graph.publisher(UInt64, 'recorder/tick')
     controllers.load(1, 10)
@@ -21,14 +21,14 @@ def test_machine_starts_with_trajectories_that_come_after_the_first_word_of_the_
     graph.next_event(CycleEvent.STARTED)
 
 
-def test_recorder_that_does_not_report_is_named(graph, controllers):
+def test_recorder_without_a_report_is_named_in_the_refusal(graph, controllers):
     graph.start(MachineNode, wait_for_recorder=True, start_timeout=0.2)
     controllers.load(1, 10)
     refused = graph.next_event(CycleEvent.REFUSED)
     assert refused.message == 'cycle 1: the recorder has not reported within 0.2 s; is it running?'
 
 
-def test_machine_runs_no_further_ahead_of_the_recorder_than_its_window(graph, controllers):
+def test_machine_stays_within_the_recorder_window(graph, controllers):
     graph.start(MachineNode, wait_for_recorder=True, recorder_window=5)
     recorder = graph.publisher(UInt64, 'recorder/tick')
     recorder.publish(UInt64(data=0))
@@ -43,7 +43,7 @@ def test_machine_runs_no_further_ahead_of_the_recorder_than_its_window(graph, co
     controllers.wait_for(8)
 
 
-def test_recorder_that_falls_silent_in_a_cycle_stops_the_machine_safely(graph, controllers):
+def test_silent_recorder_in_a_cycle_causes_a_safe_stop(graph, controllers):
     graph.start(MachineNode, wait_for_recorder=True, recorder_window=2, answer_timeout=IN_TIME)
     graph.publisher(UInt64, 'recorder/tick').publish(UInt64(data=0))
     graph.spin_in_silence()

@@ -1,4 +1,4 @@
-"""Safe stops of the machine, and its way back; the test stands in the place of the joint controllers."""
+"""Safe stops of the machine and the reset; the test replaces the joint controllers."""
 
 import math
 import re
@@ -12,7 +12,7 @@ from pkm_nodes.nodes.machine import BRAKE_TICKS, MachineNode
 from support.controllers import IN_TIME
 
 
-def test_joint_that_answers_only_nan_is_named_with_what_it_sent(graph, controllers):
+def test_joint_that_answers_nan_is_named_with_its_voltage(graph, controllers):
     graph.start(MachineNode, answer_timeout=IN_TIME)
     controllers.load(1, 10)
     controllers.wait_for(0)
@@ -22,7 +22,7 @@ def test_joint_that_answers_only_nan_is_named_with_what_it_sent(graph, controlle
     assert message.endswith('from joint_controller of d7 (/pkm/test, answered with nan V; expected a finite voltage)')
 
 
-def test_missing_answers_stop_the_machine_safely_and_name_exactly_who_is_missing(graph, controllers):
+def test_missing_answers_stop_the_machine_and_name_the_joints(graph, controllers):
     graph.start(MachineNode, answer_timeout=IN_TIME)
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
     controllers.load(1, 10)
@@ -89,7 +89,7 @@ def test_reset_is_refused_while_a_cycle_runs(graph, controllers):
     graph.next_event(CycleEvent.FINISHED)
 
 
-def test_carriage_that_runs_into_its_stop_is_a_fault(graph, controllers):
+def test_carriage_at_its_mechanical_stop_is_a_fault(graph, controllers):
     graph.start(MachineNode)
     controllers.load(1, 1000)
     samples, answered = controllers.samples['d7'], 0
@@ -107,4 +107,4 @@ def test_carriage_that_runs_into_its_stop_is_a_fault(graph, controllers):
         assert {s.mode for s in heard[:answered]} == {EncoderSample.RUN}
         assert {s.mode for s in heard[answered:]} == {EncoderSample.SAFE_STOP}
         last = [s.counts for s in heard[-20:]]
-        assert max(last) - min(last) <= 5, 'it stands, but for the noise of the encoders: 1 um in 10 ms'
+        assert max(last) - min(last) <= 5, 'at standstill except for encoder noise: 1 um in 10 ms'

@@ -1,4 +1,4 @@
-"""Node trajectory_generator: the goals of execute_motion it runs, and those it refuses."""
+"""Node trajectory_generator: goals of execute_motion that run and goals that are refused."""
 
 import math
 
@@ -18,7 +18,7 @@ BELOW_THE_TABLE = PlatformPose(x=NEAR_HOME.x, y=NEAR_HOME.y, z=-0.05, phi=NEAR_H
 NAN = PlatformPose(x=NEAR_HOME.x, y=NEAR_HOME.y, z=math.nan, phi=NEAR_HOME.phi)
 
 
-def test_motion_of_the_configuration_runs_its_cycles(graph, goals, stand_in, machine):
+def test_configured_motion_runs_its_cycles(graph, goals, stand_in, machine):
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(motion=MOTION, cycles=3, learning_law='fourier')
     sent = [stand_in.run(cycle) for cycle in (1, 2, 3)]
@@ -35,7 +35,7 @@ def test_motion_of_the_configuration_runs_its_cycles(graph, goals, stand_in, mac
             assert np.array_equal(np.array(getattr(message, name)).reshape(-1, 4), getattr(expected, name))
 
 
-def test_every_cycle_gives_feedback_with_the_error_of_every_joint(graph, goals, stand_in):
+def test_every_cycle_gives_feedback_of_all_joints(graph, goals, stand_in):
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(motion=MOTION, cycles=2)
     for cycle in (1, 2):
@@ -47,7 +47,8 @@ def test_every_cycle_gives_feedback_with_the_error_of_every_joint(graph, goals, 
     assert list(goals.feedback[0].max_dynamic_error) == [1e-6, 2e-6, 3e-6, 4e-6]
 
 
-def test_joint_without_metrics_has_a_nan_in_the_feedback_and_the_motion_goes_on(graph, goals, stand_in):
+def test_joint_without_metrics_has_nan_feedback(graph, goals, stand_in):
+    """The goal succeeds after `metrics_timeout`."""
     graph.start(TrajectoryGeneratorNode, metrics_timeout=0.1)
     goal = goals.send(motion=MOTION)
     stand_in.start(1)
@@ -59,7 +60,7 @@ def test_joint_without_metrics_has_a_nan_in_the_feedback_and_the_motion_goes_on(
     assert math.isnan(goals.feedback[0].max_dynamic_error[3])
 
 
-def test_nobody_waits_for_the_metrics_of_a_controller_that_tells_none(graph, goals, stand_in):
+def test_goal_does_not_wait_for_a_controller_without_metrics(graph, goals, stand_in):
     graph.start(TrajectoryGeneratorNode, metrics_timeout=1e6)
     graph.node.destroy_publisher(stand_in._metrics['d7'])
     goal = goals.send(motion=MOTION)
@@ -86,7 +87,7 @@ def test_poses_are_visited_from_home_and_back(graph, goals, stand_in, machine):
     assert message.move_ends[0] - message.move_starts[0] == round(0.05 / machine.sample_time)
 
 
-def test_trajectory_is_sent_again_until_the_machine_starts(graph, goals, stand_in):
+def test_trajectory_is_resent_until_the_machine_starts(graph, goals, stand_in):
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(motion=MOTION)
     graph.spin_until(lambda: len(stand_in.trajectories) == 2, 'the trajectory a second time')
@@ -126,7 +127,7 @@ def test_trajectory_is_sent_again_until_the_machine_starts(graph, goals, stand_i
         ({'motion': MOTION, 'learned': '/tmp/nowhere.npz'}, '/tmp/nowhere.npz: cannot be read'),
     ],
 )
-def test_goal_that_cannot_be_run_is_refused_and_the_next_one_runs(graph, goals, stand_in, goal, text):
+def test_impossible_goal_is_refused_and_the_next_one_runs(graph, goals, stand_in, goal, text):
     graph.start(TrajectoryGeneratorNode)
     status, result = goals.result(goals.send(**goal))
     assert status == GoalStatus.STATUS_ABORTED
@@ -138,7 +139,7 @@ def test_goal_that_cannot_be_run_is_refused_and_the_next_one_runs(graph, goals, 
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
 
 
-def test_cell_with_computed_torque_takes_goals_that_learn_nothing_and_refuses_others(graph, goals, stand_in):
+def test_computed_torque_accepts_only_goals_without_learning(graph, goals, stand_in):
     graph.start(TrajectoryGeneratorNode, control='computed_torque')
     status, result = goals.result(goals.send(motion=MOTION, learning_law='fourier'))
     assert status == GoalStatus.STATUS_ABORTED
@@ -158,6 +159,6 @@ def test_cell_with_computed_torque_takes_goals_that_learn_nothing_and_refuses_ot
         ({'timeout': 1.0}, r"trajectory_generator has unknown parameter\(s\) \['timeout'\]; known: .*'start_timeout'"),
     ],
 )
-def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
     with pytest.raises(ConfigError, match=text):
         graph.start(TrajectoryGeneratorNode, **parameters)

@@ -1,4 +1,4 @@
-"""Node trajectory_generator: how it leads cycles, and how a goal ends that does not run to its end."""
+"""Node trajectory_generator: sequence of cycles, and the ends of a goal other than success."""
 
 import time
 
@@ -13,14 +13,14 @@ from support.goals import MOTION
 
 
 class SilentMachine(PkmNode):
-    """All that a machine in the midst of a tick shows of itself."""
+    """What the graph shows of a machine during a tick: a publisher that is silent."""
 
     def __init__(self, **kwargs):
         super().__init__('machine', **kwargs)
         self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
 
 
-def test_second_goal_is_refused_and_the_first_one_goes_on(graph, goals, stand_in):
+def test_second_goal_is_refused_and_the_first_one_continues(graph, goals, stand_in):
     graph.start(TrajectoryGeneratorNode)
     first = goals.send(motion=MOTION, cycles=2)
     stand_in.start(1)
@@ -33,7 +33,7 @@ def test_second_goal_is_refused_and_the_first_one_goes_on(graph, goals, stand_in
     assert (status, result.cycles_completed) == (GoalStatus.STATUS_SUCCEEDED, 2)
 
 
-def test_cancelled_goal_ends_after_the_cycle_that_runs(graph, goals, stand_in):
+def test_cancelled_goal_ends_after_the_running_cycle(graph, goals, stand_in):
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(motion=MOTION, cycles=3)
     stand_in.start(1)
@@ -47,7 +47,7 @@ def test_cancelled_goal_ends_after_the_cycle_that_runs(graph, goals, stand_in):
 
 
 @pytest.mark.parametrize('event', [CycleEvent.REFUSED, CycleEvent.FAULT])
-def test_cycle_that_is_refused_or_stopped_ends_the_goal_with_the_reason(graph, goals, stand_in, event):
+def test_refusal_or_fault_ends_the_goal_with_the_reason(graph, goals, stand_in, event):
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(motion=MOTION, cycles=3)
     stand_in.run(1)
@@ -61,15 +61,16 @@ def test_cycle_that_is_refused_or_stopped_ends_the_goal_with_the_reason(graph, g
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
 
 
-def test_machine_that_is_gone_in_the_midst_of_a_cycle_ends_the_goal_also_if_another_has_come(graph, goals, stand_in):
+def test_end_of_the_machine_process_in_a_cycle_ends_the_goal(graph, goals, stand_in):
+    """The goal ends even if another machine has started before the graph reports the end of the first."""
     machine = graph.start(SilentMachine)
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(motion=MOTION, cycles=3)
     stand_in.run(1)
     stand_in.start(2)
     graph.next_event(CycleEvent.STARTED, cycle=2)
-    graph.spin_in_silence()  # the generator has heard of it too
-    graph.start(SilentMachine)  # before the graph knows of the end of the first one
+    graph.spin_in_silence()  # the generator has received it too
+    graph.start(SilentMachine)  # before the graph reports the end of the first one
     graph.stop(machine)
     stop = graph.next_event(CycleEvent.STOP, cycle=2)
     assert stop.source == 'trajectory_generator'
@@ -82,7 +83,7 @@ def test_machine_that_is_gone_in_the_midst_of_a_cycle_ends_the_goal_also_if_anot
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
 
 
-def test_machine_that_is_slow_is_waited_for(graph, goals, stand_in):
+def test_goal_waits_for_a_slow_machine(graph, goals, stand_in):
     graph.start(SilentMachine)
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(motion=MOTION)
@@ -102,14 +103,14 @@ def test_events_of_another_cycle_do_not_end_the_goal(graph, goals, stand_in):
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
 
 
-def test_cycle_that_does_not_start_ends_the_goal_and_says_who_listens(graph, goals, stand_in):
+def test_start_timeout_ends_the_goal_and_counts_the_subscribers(graph, goals, stand_in):
     graph.start(TrajectoryGeneratorNode, start_timeout=0.1)
     status, result = goals.result(goals.send(motion=MOTION))
     assert status == GoalStatus.STATUS_ABORTED
     assert result.message.startswith('cycle 1 did not start within 0.1 s; 1 node(s) listen to /pkm/pose_trajectory')
 
 
-def test_generator_that_comes_up_late_goes_on_after_the_last_cycle_of_the_machine(graph, goals, stand_in):
+def test_late_generator_numbers_after_the_last_machine_cycle(graph, goals, stand_in):
     graph.publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS).publish(UInt32(data=41))
     graph.start(TrajectoryGeneratorNode)
     graph.spin_in_silence()

@@ -1,4 +1,4 @@
-"""Node trajectory_generator: goals that begin with what was learned before, and laws it refuses."""
+"""Node trajectory_generator: goals with a learned feedforward, and refused laws."""
 
 import re
 
@@ -28,7 +28,7 @@ def learned(machine, tmp_path):
 
 
 @pytest.mark.parametrize('law', ['none', 'fourier'])
-def test_learned_feedforward_comes_with_the_trajectory_of_the_first_cycle(graph, goals, stand_in, learned, law):
+def test_first_trajectory_carries_the_learned_feedforward(graph, goals, stand_in, learned, law):
     path, feedforward = learned
     graph.start(TrajectoryGeneratorNode)
     goal = goals.send(motion=MOTION, cycles=2, learning_law=law, learned=str(path))
@@ -65,7 +65,7 @@ def test_feedforward_of_the_wrong_length_is_refused(graph, goals, learned):
     assert 'feedforward has shape (679, 4); expected (680, 4)' in result.message
 
 
-def test_basis_parameters_give_the_first_feedforward_of_another_motion(graph, goals, stand_in, machine, learned):
+def test_basis_parameters_give_the_feedforward_of_another_motion(graph, goals, stand_in, machine, learned):
     path, feedforward = learned
     graph.start(TrajectoryGeneratorNode)
     control, trajectory = load_control(machine), to_joints(machine, plan(machine, load_motion(MOTION)))
@@ -82,7 +82,7 @@ def test_basis_parameters_give_the_first_feedforward_of_another_motion(graph, go
     assert np.array_equal(np.reshape(message.feedforward, (-1, 4)), np.stack(expected, axis=1))
 
 
-def test_law_that_would_diverge_is_refused_before_anything_moves(graph, goals, stand_in, tmp_path):
+def test_divergent_law_is_refused_before_anything_moves(graph, goals, stand_in, tmp_path):
     text = find_config('learning', 'inverse').read_text()
     (tmp_path / 'wide.yaml').write_text(text.replace('fall_to: 208 Hz', 'fall_to: 300 Hz').replace('160 Hz', '260 Hz'))
     graph.start(TrajectoryGeneratorNode)
