@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# tick of a message that arrived before the first tick of its cycle
+# tick of a single message that arrived before the first tick of its cycle
 BEFORE = -1
 
 

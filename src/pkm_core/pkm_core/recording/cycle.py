@@ -92,7 +92,7 @@ class CycleRecording:
         self.counts[topic] = 1
 
     def _write(self, bag, block):
-        ticks = np.where(block.ticks == BEFORE, self.first_tick, block.ticks)
+        ticks = np.array([self.first_tick]) if block.ticks[0] == BEFORE else block.ticks
         bag.write_block(block.topic, block.messages, ticks * self._tick_ns)
 
     def open(self, folder, facts):

@@ -116,8 +116,8 @@ class Cycles:
         return number not in self._open and number in self._ends
 
     def end_of(self, number):
-        """Return the first tick after cycle `number`; 0 unless `is_closed`."""
-        return self._ends[number] if self.is_closed(number) else 0
+        """Return the first tick after cycle `number`, which is closed."""
+        return self._ends[number]
 
     def reopen(self, number):
         """Forget that `number` was closed: a restarted trajectory source counts from 1."""

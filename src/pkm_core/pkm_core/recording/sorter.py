@@ -91,12 +91,14 @@ class Sorter:
 
     def _sort_block(self, block, number):
         """Take a block of the servo tick that belongs to cycle `number` as a whole."""
-        late = block.ticks < self._cycles.end_of(number)
-        for _ in range(late.sum()):
-            self._warn_of_late(block.topic, number)
-        if late.all():
-            return
-        block, cycle = block.where(~late), self._cycles.of(number)
+        if self._cycles.is_closed(number):
+            late = block.ticks < self._cycles.end_of(number)
+            for _ in range(late.sum()):
+                self._warn_of_late(block.topic, number)
+            if late.all():
+                return
+            block = block.where(~late)
+        cycle = self._cycles.of(number)
         if cycle.first_tick is None:
             self._start(cycle, int(block.ticks[0]))
         self._cycles.progress.reach(block.topic, int(block.ticks[-1]))
