@@ -35,3 +35,12 @@ def test_files_to_copy_have_the_stated_length():
     assert len(stated) > 4
     for path, lines in stated:
         assert len((ROOT / path).read_text(encoding='utf-8').splitlines()) == pytest.approx(int(lines), rel=0.2), path
+
+
+def test_places_to_register_exist():
+    """`NAME` of [file](path): the file defines or uses that name."""
+    places = re.findall(r'((?:`\w+`(?: and |, )?)+)\s+of\s+\[[^\]]*\]\(([\w./]+)\)', TEXT)
+    assert len(places) > 8
+    for names, path in places:
+        text = (ROOT / path).read_text(encoding='utf-8')
+        assert all(re.search(rf'\b{name}\b', text) for name in re.findall(r'`(\w+)`', names)), (names, path)
