@@ -139,7 +139,9 @@ def test_entry_points_lead_to_functions(package, setup):
         for entry in entries:
             module, _, function = entry.partition('=')[2].strip().partition(':')
             code = ast.parse((package / Path(*module.split('.'))).with_suffix('.py').read_text(encoding='utf-8'))
-            assert function in {node.name for node in code.body if isinstance(node, ast.FunctionDef)}, entry
+            functions = {node.name for node in code.body if isinstance(node, ast.FunctionDef)}
+            made = [target for node in code.body if isinstance(node, ast.Assign) for target in node.targets]
+            assert function in functions | {target.id for target in made if isinstance(target, ast.Name)}, entry
 
 
 def test_manifest_declares_exactly_what_the_code_imports(package, imports_of):
