@@ -121,7 +121,7 @@ def test_law_that_needs_a_reference_is_refused_for_a_cycle_nobody_has_announced(
     graph.start(LearningNode)
     response = graph.call(UpdateFeedforward, 'learning/update', cycles.request('d1', 8, 'basis'))
     assert not response.success
-    assert 'learning d1: the basis law needs the reference' in response.message
+    assert 'learning d1: the basis law has no reference' in response.message
 
 
 def test_loop_with_other_gains_is_learned_with_the_law_for_these(graph, machine, cycles):
@@ -251,11 +251,11 @@ def spoiled(values, index, value):
         ({'error': array('d'), 'feedforward': array('d')}, 'learning d5: error has shape (0,); expected (N,), N >= '),
         (
             {'error': spoiled([0.0] * SAMPLES, 17, math.nan)},
-            'learning d5: error is nan at sample 17; expected a finite one',
+            'learning d5: error is nan at sample 17; expected a finite value',
         ),
         (
             {'feedforward': spoiled([0.0] * SAMPLES, 3, -math.inf)},
-            'learning d5: feedforward is -inf at sample 3; expected a finite one',
+            'learning d5: feedforward is -inf at sample 3; expected a finite value',
         ),
         (
             {'has_gains': True},

@@ -8,6 +8,8 @@ from pkm_core.control.controllers import find_control
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 
+# texts that YAML 1.1 reads as a truth value, a number or nothing
+_LIKE_NO_TEXT = re.compile(r'(?i:y|yes|n|no|on|off|true|false|null|~|[-+.]?\d[\d_.:xobe+-]*)', re.ASCII)
 # default namespace of a cell
 NAMESPACE = '/pkm'
 # descriptions of parameters that several nodes and the launch file have
@@ -56,7 +58,10 @@ def clock_of(namespace):
 
 
 def _yaml(value):
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    """Return `value` for a ROS command line; a text that YAML would read as something else (y, 1e3) is quoted."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"'{value}'" if isinstance(value, str) and _LIKE_NO_TEXT.fullmatch(value) else str(value)
 
 
 def controller_nodes(machine, control):

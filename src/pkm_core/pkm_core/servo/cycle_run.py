@@ -69,6 +69,8 @@ class RefuseReset:
     message: str
 
 
+# [s, wall] a killed node is in the graph for 20 s more; then whoever is there twice is there twice
+LEASE = 22.0
 # one object for all ticks: `advanced` creates none
 SEND_SAMPLES = (SendSamples(),)
 _RUNNING = CycleState.RUNNING  # looked up once: access to a member of an Enum takes as long as the rest of `advanced`
@@ -151,15 +153,20 @@ class CycleRun:
         self.state = CycleState.LOADED if len(self._lengths) == len(self._joints) else CycleState.LOADING
         return ()
 
-    def look(self, now, tick, unconnected):
+    def look(self, now, tick, unconnected, intruders=''):
         """
         Start a loaded cycle, or end a wait that has taken too long.
 
-        `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet; it counts in
-        `LOADED` only.
+        `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet, `intruders`
+        says who publishes where only one node may; both count in `LOADED` only.
         """
-        if self.state is CycleState.LOADED and not self._recorder_is_missing() and not unconnected:
+        ready = self.state is CycleState.LOADED and not self._recorder_is_missing() and not unconnected
+        if ready and not intruders:
             return self._start()
+        if ready and now - self._since <= max(self._start_timeout, LEASE):
+            return ()
+        if ready:
+            return self._refuse(f'cycle {self._next_cycle}: {intruders}')
         if self.is_loading and now - self._since > self._start_timeout:
             return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}')
         if self.state is CycleState.HELD and now - self._since > self._answer_timeout:

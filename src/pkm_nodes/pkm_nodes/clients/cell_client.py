@@ -9,6 +9,7 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from std_msgs.msg import UInt64
 
 from pkm_core.errors import PkmError
@@ -44,14 +45,19 @@ class CycleLog:
 
 
 class CellClient:
-    """Client of the running cell in `namespace`; use it in a ``with`` block. It owns rclpy's default context."""
+    """
+    Client of the running cell in `namespace`; use it in a ``with`` block. It owns rclpy's default context.
 
-    def __init__(self, namespace=NAMESPACE):
-        self._namespace = namespace
+    With a `session` its goals and requests are for that start of the cell only, and it ignores the events of others.
+    """
+
+    def __init__(self, namespace=NAMESPACE, session=''):
+        self._namespace, self._session = namespace, session
 
     def __enter__(self):
         rclpy.init()
-        self._node = PkmNode('pkm_run', namespace=self._namespace)
+        of_session = [Parameter('session', value=self._session)]
+        self._node = PkmNode('pkm_run', namespace=self._namespace, parameter_overrides=of_session)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
@@ -159,7 +165,9 @@ class CellClient:
             If the goal ends early; with the cell's own message.
 
         """
-        goal = ExecuteMotion.Goal(motion=str(motion), cycles=cycles, learning_law=law, learned=str(learned))
+        goal = ExecuteMotion.Goal(
+            session=self._session, motion=str(motion), cycles=cycles, learning_law=law, learned=str(learned)
+        )
         self._begin_log()
         self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
         sent = self._client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
@@ -209,7 +217,7 @@ class CellClient:
     def save_learned(self, path, check):
         """Make the cell save the best feedforward of the last motion to `path`; `PkmError` if it refuses."""
         client = self._node.create_client(SaveLearned, 'learning/save')
-        answer = client.call_async(SaveLearned.Request(path=str(path)))
+        answer = client.call_async(SaveLearned.Request(session=self._session, path=str(path)))
         self._spin_until(answer.done, check, _UP_TIMEOUT, f'{client.srv_name} did not answer')
         self._node.destroy_client(client)
         if not answer.result().success:

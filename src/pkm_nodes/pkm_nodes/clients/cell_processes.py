@@ -10,6 +10,8 @@ from time import monotonic, sleep
 from pkm_core.config import install_prefixes
 from pkm_core.errors import PkmError
 from pkm_nodes.graph import NAMESPACE, cell_nodes, composed_cell, leave_out
+from pkm_nodes.parts.cell_lock import require_free
+from pkm_nodes.runtime.session import new_session
 
 # [s, wall] from SIGINT to SIGKILL
 _PATIENCE = 10.0
@@ -57,6 +59,8 @@ class CellProcesses:
 
     Attributes
     ----------
+    session : str
+        Id of this start of the cell.
     nodes, left_out : list of NodeSpec
         Nodes that this cell runs, and nodes that it does not.
 
@@ -79,7 +83,7 @@ class CellProcesses:
         named = {'PKM_CONFIG': str(configuration.folder)} if configuration else {}
         self._environment = os.environ | named
         bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
-        self._namespace = namespace
+        self._namespace, self.session = namespace, new_session()
         self._logs.mkdir(parents=True, exist_ok=True)
         options = {'control': control, 'seed': seed, 'environment': environment, 'folder': str(bags), 'record': record}
         nodes = cell_nodes(machine, **options)
@@ -90,6 +94,7 @@ class CellProcesses:
         self.processes = {}
 
     def __enter__(self):
+        require_free(self._namespace)  # the machine itself refuses too, but only once its process is up
         for name in self._specs:
             self.start(name)
         return self
@@ -100,7 +105,7 @@ class CellProcesses:
 
     def arguments(self, spec):
         """Return the arguments that make it the node `spec` of this cell."""
-        return spec.arguments({'use_sim_time': True}, self._namespace)
+        return spec.arguments({'use_sim_time': True, 'session': self.session}, self._namespace)
 
     def start(self, name):
         """Start the process `name`; it can be started again after it has ended."""

@@ -55,7 +55,7 @@ class CellBench:
         self._processes = self._stack.enter_context(
             CellProcesses(self._name, folder=self._folder / name, **self._options)
         )
-        self._client = self._stack.enter_context(IdentifyClient())
+        self._client = self._stack.enter_context(IdentifyClient(session=self._processes.session))
         self._client.wait_until_up(self._processes.check)
         self._is_well = True
 

@@ -36,7 +36,10 @@ def _run(condition, seed, cycles, arrangement, folder):
         learned = folder.resolve() / 'design.npz'
         save(learned, Learned(origin_of(machine, motion, 'design', control, joints), start, {}))
     cell_options = {'control': condition.control, 'seed': seed, 'environment': condition.environment}
-    with CellProcesses(condition.machine, arrangement, **cell_options, folder=folder) as cell, CellClient() as client:
+    with (
+        CellProcesses(condition.machine, arrangement, **cell_options, folder=folder) as cell,
+        CellClient(session=cell.session) as client,
+    ):
         client.wait_until_up(cell.check)
         log = client.execute(motion, cycles, condition.law, cell.check, lambda feedback: None, learned=learned)
     return [read_cycle(path) for path in log.bags], log.notices

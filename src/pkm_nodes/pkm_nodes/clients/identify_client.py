@@ -59,6 +59,7 @@ class IdentifyClient(CellClient):
 
         """
         goal = goal_of(request)
+        goal.session = self._session
         self._spin_until(self._identify.server_is_ready, check, _ANSWER_TIMEOUT, 'the cell did not offer identify')
         sent = self._identify.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
         self._spin_until(sent.done, check, _ANSWER_TIMEOUT, 'the cell did not answer the goal')

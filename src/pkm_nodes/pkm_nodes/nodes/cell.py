@@ -13,6 +13,7 @@ from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from pkm_nodes.runtime.node import PkmNode, entry_point
+from pkm_nodes.runtime.session import new_session
 
 NODES = {
     'machine': MachineNode,
@@ -32,6 +33,7 @@ class CellNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('cell', **kwargs)
+        self.session = self.session or new_session()
         self.specs = cell_nodes(
             self.machine_setting(),
             control=self.control_setting(),
@@ -49,7 +51,7 @@ def make_cell():
     nodes = [CellNode()]
     use_sim_time = nodes[0].get_parameter('use_sim_time').value
     for spec in nodes[0].specs:
-        parameters = {'use_sim_time': use_sim_time, **spec.parameters}
+        parameters = {'use_sim_time': use_sim_time, 'session': nodes[0].session, **spec.parameters}
         named = {} if spec.name == spec.executable else {'name': spec.name}
         if spec.executable == 'recorder':
             named['neighbours'] = nodes

@@ -32,6 +32,7 @@ from pkm_nodes.messages.conversions import experiments_from_msg, fit_to_msg, tra
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.presence import Presence
 from pkm_nodes.runtime.node import PkmNode, entry_point
+from pkm_nodes.runtime.session import require_session
 
 # [s, wall] to find the other nodes, and from the end of a cycle to its closed bag
 _DISCOVERY = 5.0
@@ -65,13 +66,14 @@ class IdentificationNode(PkmNode):
 
     async def _execute(self, goal_handle):
         """Run one goal; a refused one is aborted at once, because only a result carries a reason."""
-        result = Identify.Result()
+        result = Identify.Result(session=self.session)
         if self._goal is not None:
             result.message = 'another goal of identify is running; wait for its end or cancel it'
             goal_handle.abort()
             return result
         self._goal = goal_handle
         try:
+            require_session('goal', goal_handle.request.session, self.session)
             await self._identify(goal_handle, result)
         except PkmError as error:
             result.message = str(error)
@@ -116,7 +118,9 @@ class IdentificationNode(PkmNode):
         for joint, experiments in plans.items():
             bags = [] if request.moves else [self._slow_moves[joint]]
             for experiment in experiments:
-                feedback = Identify.Feedback(phase=Identify.Feedback.MOVING, joint=joint, experiment=experiment.name)
+                feedback = Identify.Feedback(
+                    session=self.session, phase=Identify.Feedback.MOVING, joint=joint, experiment=experiment.name
+                )
                 feedback.progress, feedback.coherence = done / steps, coherence
                 goal_handle.publish_feedback(feedback)
                 bags.append(await self._run(experiment))
@@ -132,12 +136,15 @@ class IdentificationNode(PkmNode):
             done, coherence = done + 1, typical_coherence(found[joint])
             result.warnings += warnings
             result.fits.append(fit_to_msg(found[joint]))
-            feedback = Identify.Feedback(phase=Identify.Feedback.FITTING, joint=joint)
+            feedback = self._feedback(phase=Identify.Feedback.FITTING, joint=joint)
             feedback.progress, feedback.coherence = done / steps, coherence
             goal_handle.publish_feedback(feedback)
         written = self._submit(write_results, folder, self._name, found, models, f'action identify of {machine.name}')
         await self._until(written.done)
         result.model_file = str(written.result() or '')
+
+    def _feedback(self, **fields):
+        return Identify.Feedback(session=self.session, **fields)
 
     async def _require_cell(self):
         """Raise `IdentificationError` unless every axis has a controller and the cell has a recorder."""
@@ -158,6 +165,7 @@ class IdentificationNode(PkmNode):
         joints = enumerate(self._machine.joints)
         named = {'cycle': 0, 'motion': experiment.name, 'kind': SampledTrajectory.IDENTIFICATION}
         goal = ExecuteMotion.Goal(
+            session=self.session,
             cycles=1,
             experiment=trajectory_to_msg(experiment.trajectory, **named),
             excitation=[

@@ -25,6 +25,7 @@ from pkm_nodes.messages.conversions import learns, trajectory_from_msg
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.gain_parameters import gains_from_msg
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.session import require_session
 
 # [s, wall] wait of learning/save for joints without a request for the last cycle; a joint that has restored an earlier
 # feedforward sends none
@@ -149,6 +150,7 @@ class LearningNode(PkmNode):
             self._patience.reset()
             await self._caught_up
         try:
+            require_session('learning/save', request.session, self.session)
             if self._learned is None:
                 raise LearningError('nothing has been learned yet')
             learned = self._learned.best.learned()

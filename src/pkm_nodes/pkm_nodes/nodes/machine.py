@@ -44,6 +44,7 @@ from pkm_nodes.messages.diagnostics import CYCLE, FAULT, STATE, TICK, diagnostic
 from pkm_nodes.messages.tick_messages import MOTOR_COMMAND
 from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
+from pkm_nodes.parts.cell_lock import CellLock
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
@@ -84,12 +85,15 @@ class MachineNode(PkmNode):
         self._resolution = machine.encoder_resolution
         self._sample_time = machine.sample_time
         self._plant = Plant(machine, seed, environment=environment)
+        self._lock = CellLock(self.get_namespace(), self.get_fully_qualified_name(), self.session)
         self._motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
         self._laser = LaserNode(machine, seed, environment)
         self.parts = [*self._motors, self._laser]
         self._barrier = TickBarrier(len(self._joints), answer_timeout)
         self._run = CycleRun(self._joints, start_timeout, answer_timeout, window if wait_for_recorder else None)
         self._laser.zero(self._barrier.tick, self._plant.truth)
+        by_joint = [f'{joint}/{kind}' for joint in self._joints for kind in ('encoder', 'command')]
+        self._of_one_publisher = (*by_joint, 'machine/cycle', 'recorder/tick', 'pose_trajectory')
 
         self._events = CycleEvents(self, 'machine')
         self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
@@ -137,10 +141,21 @@ class MachineNode(PkmNode):
             self._look()
 
     def _look(self):
-        unconnected = []
+        unconnected, intruders = [], ''
         if self._run.state is CycleState.LOADED:
             unconnected = [part.get_name() for part in self.parts if not part.is_heard()]
-        self._perform(self._run.look(monotonic(), self._barrier.tick, unconnected))
+            intruders = self._intruders()
+        self._perform(self._run.look(monotonic(), self._barrier.tick, unconnected, intruders))
+
+    def _intruders(self):
+        """Return which topics of the cell have several publishers, and which nodes these are; '' if none has."""
+        found = []
+        for topic in self._of_one_publisher:
+            publishers = self.get_publishers_info_by_topic(topic)
+            if len(publishers) > 1:
+                names = sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in publishers)
+                found.append(f'{self.resolve_topic_name(topic)} has {len(publishers)} publishers, {", ".join(names)}')
+        return f'{"; ".join(found)}; allowed: one each. Stop the others' if found else ''
 
     def _perform(self, actions):
         for action in actions:
@@ -214,6 +229,11 @@ class MachineNode(PkmNode):
                 case RefuseReset(message):
                     response.message = message
         return response
+
+    def destroy_node(self):
+        """Let another machine have the namespace; the lock ends with the process anyway."""
+        self._lock.release()
+        super().destroy_node()
 
     def _publish_diagnostics(self):
         fault, tick = self._run.fault, self._barrier.tick

@@ -35,6 +35,7 @@ from pkm_nodes.messages.conversions import trajectory_from_msg, trajectory_to_ms
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.presence import Presence
 from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.session import require_session
 
 
 class TrajectoryGeneratorNode(PkmNode):
@@ -73,8 +74,9 @@ class TrajectoryGeneratorNode(PkmNode):
 
     async def _execute(self, goal_handle):
         """Run one goal. A refused goal is accepted and aborted, because only a result carries the reason."""
-        result = ExecuteMotion.Result()
+        result = ExecuteMotion.Result(session=self.session)
         try:
+            require_session('goal', goal_handle.request.session, self.session)
             self._refuse_second_goal(goal_handle.request)
             name, first, later = self._plan(goal_handle.request)
         except PkmError as error:
@@ -231,6 +233,7 @@ class TrajectoryGeneratorNode(PkmNode):
         joints = self._machine.joints
         goal_handle.publish_feedback(
             ExecuteMotion.Feedback(
+                session=self.session,
                 cycle=cycle,
                 joints=list(joints),
                 max_dynamic_error=[errors.get(joint, nan) for joint in joints],

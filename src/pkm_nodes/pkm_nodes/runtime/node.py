@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from pkm_core.errors import ConfigError, PkmError
 from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.groups import HotGroup
+from pkm_nodes.runtime.session import SESSION, checked_session
 from pkm_nodes.runtime.tick_subscription import TickSubscription
 
 RCLError = rclpy_implementation.RCLError
@@ -58,6 +59,11 @@ class PkmNode(Node):
         Parameters that another node of the process declares: `-p name:=value` of a command line reaches every node of
         the process.
 
+    Attributes
+    ----------
+    session : str
+        Value of the parameter `session`.
+
     """
 
     def __init__(self, name, *, known_elsewhere=(), **kwargs):
@@ -65,6 +71,7 @@ class PkmNode(Node):
         self._known_elsewhere = frozenset(known_elsewhere)
         self.hot_group = HotGroup()
         self.tick_subscriptions = []
+        self.session = checked_session(self.setting('session', '', SESSION))
 
     def setting(self, name, default, description):
         """

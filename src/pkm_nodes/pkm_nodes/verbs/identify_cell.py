@@ -84,7 +84,7 @@ def _identify(console, machine, request, seed, environment, arrangement, out):
     with (
         progress_bar(console, name='starting the cell') as bar,
         CellProcesses(machine, arrangement, seed=seed, environment=environment, folder=out) as cell,
-        IdentifyClient() as client,
+        IdentifyClient(session=cell.session) as client,
     ):
         client.wait_until_up(cell.check)
 

@@ -137,7 +137,7 @@ def _drive(console, machine, arrangement, namespace, cell_options, goal, out):
     with (
         progress_bar(console, goal.cycles, name='starting the cell', keep=True) as bar,
         CellProcesses(machine, arrangement, namespace=namespace, **cell_options, folder=out) as cell,
-        CellClient(namespace) as client,
+        CellClient(namespace, cell.session) as client,
     ):
         check = cell.check
         if cell.left_out:

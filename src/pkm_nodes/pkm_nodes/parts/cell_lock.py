@@ -1,0 +1,83 @@
+"""One machine per namespace: whoever starts second is refused and told which process was first."""
+
+import fcntl
+import json
+import os
+import re
+import socket
+import tempfile
+from pathlib import Path
+
+from pkm_core.errors import PkmError
+
+
+def _folder():
+    """Return the folder of the locks of this user, which nobody else can write."""
+    folder = Path(os.environ.get('XDG_RUNTIME_DIR') or tempfile.gettempdir()) / f'pkm-{os.getuid()}'
+    folder.mkdir(mode=0o700, exist_ok=True)
+    status = folder.lstat()
+    if status.st_uid != os.getuid() or not folder.is_dir() or folder.is_symlink():
+        raise PkmError(f'{folder}: belongs to user {status.st_uid}; expected a folder of user {os.getuid()}')
+    return folder
+
+
+def _file(namespace):
+    """Return the lock file of `namespace` in this ROS domain and network."""
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    network = os.stat('/proc/self/ns/net').st_ino  # containers and network namespaces do not reach each other
+    name = re.sub(r'\W+', '_', f'{domain}_{namespace}', flags=re.ASCII)
+    return _folder() / f'cell_{name}_{network}.lock'
+
+
+class CellLock:
+    """
+    Marks `namespace` as the place of one cell until `release`; the mark ends with the process, however that ends.
+
+    Parameters
+    ----------
+    namespace : str
+        ROS namespace of the cell.
+    node, session : str
+        Of the machine, for the message that a second one gets.
+
+    Raises
+    ------
+    PkmError
+        If a machine of this user runs in the namespace: its node, host, process id, domain and session are named.
+
+    """
+
+    def __init__(self, namespace, node, session):
+        self._descriptor = os.open(_file(namespace), os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = _read(self._descriptor)
+            os.close(self._descriptor)
+            raise PkmError(_refusal(namespace, holder)) from None
+        domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+        facts = {'node': node, 'host': socket.gethostname(), 'pid': os.getpid(), 'domain': domain, 'session': session}
+        os.ftruncate(self._descriptor, 0)
+        os.pwrite(self._descriptor, json.dumps(facts).encode(), 0)
+
+    def release(self):
+        """Let another machine have the namespace."""
+        os.close(self._descriptor)
+
+
+def require_free(namespace):
+    """Raise the `PkmError` of `CellLock` if a machine of this user runs in `namespace`."""
+    CellLock(namespace, '', '').release()
+
+
+def _read(descriptor):
+    try:
+        return json.loads(os.pread(descriptor, 4096, 0))
+    except ValueError:  # the other process has taken the lock and not yet written
+        return {}
+
+
+def _refusal(namespace, holder):
+    names = [name for name in ('node', 'host', 'pid', 'domain', 'session') if name in holder]
+    facts = ', '.join(f'{name} {holder[name]}' for name in names) or 'it is starting'
+    return f'a cell runs in {namespace}: {facts}; stop it, or choose another --namespace or ROS_DOMAIN_ID'
