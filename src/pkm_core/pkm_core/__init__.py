@@ -4,7 +4,7 @@ import hashlib
 import importlib
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 
 def _kernel_cache() -> Path:
@@ -22,28 +22,11 @@ def _kernel_cache() -> Path:
 
 os.environ.setdefault('NUMBA_CACHE_DIR', str(_kernel_cache()))
 
-if TYPE_CHECKING:
-    from pkm_core.api.cycles import Cycle, read_cycle
-    from pkm_core.api.identification import Identification, identify, run_experiments
-    from pkm_core.api.motions import PlannedMotion, load_machine, plan
-    from pkm_core.api.own import Controller, LearningLaw
-    from pkm_core.api.simulation import Simulation, simulate
-    from pkm_core.api.systems import LoopMargins, axis_system, loop_system, margins
-    from pkm_core.errors import (
-        BagError,
-        ConfigError,
-        LearningError,
-        PkmError,
-        TrajectoryError,
-        WorkspaceError,
-    )
-    from pkm_core.identification import IdentificationError
-    from pkm_core.machines.base import Machine
-
-# in the order of docs/api.md
+# where each exported name is; __init__.pyi has the same names for type checkers
 _MODULES = {
     'Machine': 'machines.base',
     'load_machine': 'api.motions',
+    'Configuration': 'config',
     'plan': 'api.motions',
     'PlannedMotion': 'api.motions',
     'simulate': 'api.simulation',
@@ -67,32 +50,7 @@ _MODULES = {
     'BagError': 'errors',
     'IdentificationError': 'identification',
 }
-__all__ = [
-    'BagError',
-    'ConfigError',
-    'Controller',
-    'Cycle',
-    'Identification',
-    'IdentificationError',
-    'LearningError',
-    'LearningLaw',
-    'LoopMargins',
-    'Machine',
-    'PkmError',
-    'PlannedMotion',
-    'Simulation',
-    'TrajectoryError',
-    'WorkspaceError',
-    'axis_system',
-    'identify',
-    'load_machine',
-    'loop_system',
-    'margins',
-    'plan',
-    'read_cycle',
-    'run_experiments',
-    'simulate',
-]
+__all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> Any:

@@ -103,7 +103,7 @@ class Identification:
     fit_percent : float
         How much of the moves left out of the fit K and a explain; nan if there were too few.
     model : AxisModel
-        For `axis_system`, `loop_system` and `margins`.
+        For `axis_system`, `loop_system` and `margins`. Without a sweep its resonances are those of config/model.
     warnings : tuple of str
         What makes the result doubtful.
     sample_time : float
@@ -250,11 +250,16 @@ def identify(
         notes += warnings
     models, control = load_model(machine), choose_control(machine, str(controller))
     found = identify_joint(machine, joint, taken, models, control, band=band)
-    return _identification(machine, found, models[joint].current_loop, notes)
+    return _identification(machine, found, models[joint], notes)
 
 
-def _identification(machine: Machine, found: AxisIdentification, corner: float, notes: list[Any]) -> Identification:
+def _identification(
+    machine: Machine, found: AxisIdentification, believed: AxisModel, notes: list[Any]
+) -> Identification:
     gain_deviation, viscosity_deviation = found.low.deviations
+    model = found.model(believed.current_loop)
+    if found.high is None:  # a loop that is designed on no resonances would pass for more robust than it is
+        model = model.model_copy(update={'modes': believed.modes})
     return Identification(
         joint=found.joint,
         gain=float(found.low.gain),
@@ -263,7 +268,7 @@ def _identification(machine: Machine, found: AxisIdentification, corner: float, 
         viscosity_deviation=float(viscosity_deviation),
         modes=np.zeros((0, 4)) if found.high is None else found.high.modes,
         fit_percent=float(found.low.fit_percent),
-        model=found.model(corner),
+        model=model,
         warnings=(*notes, *found.warnings),
         sample_time=machine.sample_time,
         details=found,

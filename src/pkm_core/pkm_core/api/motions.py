@@ -12,7 +12,8 @@ import numpy as np
 from pkm_core import machines
 from pkm_core.api.drawing import empty_figure
 from pkm_core.api.typing import Array
-from pkm_core.errors import TrajectoryError
+from pkm_core.config import Configuration
+from pkm_core.errors import ConfigError, TrajectoryError
 from pkm_core.machines.base import Machine
 from pkm_core.motion import planning
 from pkm_core.motion.trajectory import SampledTrajectory, to_joints
@@ -21,19 +22,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def load_machine(name_or_path: str | Path) -> Machine:
+def load_machine(name_or_path: str | Path, *, configuration: Configuration | str | Path | None = None) -> Machine:
     """
     Return the nominal machine of config/machines/NAME.yaml or of a YAML file.
 
     The machine has kinematics (`forward`, `inverse`, `jacobian`), rigid dynamics (`mass_matrix`, `bias`, `gravity`,
-    `inverse_dynamics`) and the facts of its drives and encoders; see `Machine`. Models, gains and the simulated truth
-    are those of the files called like the machine. Source: thesis, chapters 2 and 5; each number in
-    the file has its origin beside it.
+    `inverse_dynamics`) and the facts of its drives and encoders; see `Machine`. Source: thesis, chapters 2 and 5; each
+    number in the file has its origin beside it.
 
     Parameters
     ----------
     name_or_path : str or Path
         'four_dof', 'planar', 'xy_stage', or a path that ends in .yaml.
+    configuration : Configuration or str or Path, optional
+        Folder in which the models, gains, truth and motions of the machine are looked for, under its name; by default
+        $PKM_CONFIG, else that of the source tree, else the installed one.
 
     Raises
     ------
@@ -50,7 +53,11 @@ def load_machine(name_or_path: str | Path) -> Machine:
     True
 
     """
-    return machines.load_machine(name_or_path)
+    if isinstance(configuration, str | Path):
+        if not Path(configuration).is_dir():
+            raise ConfigError(f'configuration: {str(configuration)!r} given; expected a folder of configuration files')
+        configuration = Configuration(Path(configuration))
+    return machines.load_machine(name_or_path, configuration)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -165,7 +172,7 @@ def plan(
     if motion is None:
         motion = planning.default_motion(machine)
     if isinstance(motion, (str, Path)):
-        name, described = Path(motion).stem, planning.load_motion(motion)
+        name, described = Path(motion).stem, planning.load_motion(motion, machine.configuration)
         if move_time is not None:
             if described.limits is not None:
                 raise TrajectoryError(f'plan: move_time is {move_time} s; {name} has limits, which give the duration')

@@ -20,7 +20,7 @@ the examples below `np` is numpy.
 The [examples](examples/README.md) are short programs that use it.
 """
 GROUPS = {
-    'Machines and motions': ('Machine', 'load_machine', 'plan', 'PlannedMotion'),
+    'Machines and motions': ('load_machine', 'Machine', 'Configuration', 'plan', 'PlannedMotion'),
     'Simulation': ('simulate', 'Simulation', 'Controller', 'LearningLaw'),
     'Bags': ('read_cycle', 'Cycle'),
     'Linear models': ('axis_system', 'loop_system', 'margins', 'LoopMargins'),
@@ -69,7 +69,8 @@ def _member(name: str, value: Any) -> str:
 
 def _signature(function: Any) -> str:
     """Return the signature as it is written; one parameter per line if it is long."""
-    signature, parts, keywords = inspect.signature(function), [], False
+    signature, keywords = inspect.signature(function), False
+    parts: list[str] = []
     for name, each in signature.parameters.items():
         if each.kind is each.KEYWORD_ONLY and not keywords:
             parts, keywords = [*parts, '*'], True
