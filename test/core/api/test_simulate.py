@@ -178,7 +178,7 @@ def with_update(function, base=Proportional):
         ({'law': {'gain': 1.0}}, pkm.LearningError, "simulate: law is {'gain': 1.0}; allowed: "),
         ({'law': 'inverse', 'controller': 'computed_torque'}, pkm.LearningError, 'only robust control learns'),
         ({'law': 'inverse', 'controller': Proportional()}, pkm.LearningError, "law 'inverse' is designed for gains"),
-        ({'controller': 'foo'}, pkm.ConfigError, "control 'foo' is none of"),
+        ({'controller': 'foo'}, pkm.ConfigError, "control: 'foo' given; allowed: "),
         ({'controller': Proportional}, pkm.PkmError, 'simulate: controller is the class Proportional, not an object'),
         ({'controller': {'d1': 0}}, pkm.PkmError, r"controller has gains of ['d1']; expected ['d1', 'd3']"),
         (
