@@ -33,6 +33,7 @@ setup(
     version=MANIFEST.findtext('version'),
     description=MANIFEST.findtext('description'),
     packages=find_packages(),
+    package_data={'pkm_core': ['py.typed', '__init__.pyi']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/pkm_core']),
         ('share/pkm_core', ['package.xml']),

@@ -27,6 +27,8 @@ CORE = {
     'experiments': 'machines motion plant control thesis tuning learning bag identification recording simulation '
     'design reporting',
     'commissioning': 'control tuning identification simulation learning reporting recording plant',
+    'api': 'machines motion plant control thesis tuning learning bag identification recording simulation design '
+    'reporting experiments commissioning',
     'verbs': 'machines motion plant control thesis tuning learning bag identification recording simulation design '
     'reporting experiments commissioning',
 }

@@ -4,9 +4,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from pkm_core.config import Config, Configuration, Inertia, Length, Mass, Speed, Time, Voltage, quantity
@@ -18,6 +19,7 @@ NotNegativeLength = Annotated[Length, Field(ge=0)]
 PositiveMass = Annotated[Mass, Field(gt=0)]
 PositiveInertia = Annotated[Inertia, Field(gt=0)]
 
+Array = NDArray[np.float64]
 ROUNDING = 1e-9  # m; the inverse of a pose on a limit may round to either side of the limit
 
 
@@ -90,6 +92,15 @@ class Machine(ABC):
     sample_time, encoder_resolution, laser_sample_time, voltage_limit, thrust_per_volt : float
         [s], [m/count], [s], [V], [N/V].
 
+    Examples
+    --------
+    >>> from pkm_core.machines import load_machine
+    >>> machine = load_machine('planar')
+    >>> machine
+    Planar('planar', joints d1, d3, 0.5 ms)
+    >>> machine.mass_matrix(machine.home).shape
+    (2, 2)
+
     """
 
     Config: type[MachineConfig]
@@ -119,64 +130,67 @@ class Machine(ABC):
         self.voltage_limit = drive.voltage_limit
         self.thrust_per_volt = thrust_per_ampere * drive.amplifier_gain
 
+    def __repr__(self) -> str:
+        return f'{type(self).__name__}({self.name!r}, joints {", ".join(self.joints)}, {1e3 * self.sample_time:g} ms)'
+
     @property
-    def drawing(self):
+    def drawing(self) -> 'Machine':
         """This machine with its drawn lengths, without the section `built`."""
         if getattr(self.config, 'built', None) is None:
             return self
         return type(self)(self.config.model_copy(update={'built': None}), self.name, self.configuration)
 
-    def with_configuration(self, configuration):
+    def with_configuration(self, configuration: Configuration) -> 'Machine':
         """Return the same machine with models, gains, truth and motions of another `Configuration`."""
         return type(self)(self.config, self.name, configuration)
 
     @abstractmethod
-    def forward(self, q):
+    def forward(self, q: Any) -> Any:
         """Return the pose (..., m) at joint positions `q` (..., n), array or Jet; `WorkspaceError` out of reach."""
 
     @abstractmethod
-    def inverse(self, x):
+    def inverse(self, x: Any) -> Any:
         """Return the joint positions (..., n) at the pose `x` (..., m), array or Jet; `WorkspaceError` out of reach."""
 
     @abstractmethod
-    def jacobian(self, q):
+    def jacobian(self, q: ArrayLike) -> Array:
         """Return d forward / dq (..., m, n) at `q` (..., n) [m/m, rad/m]."""
 
     @abstractmethod
-    def singularity_margin(self, q):
+    def singularity_margin(self, q: ArrayLike) -> Array:
         """Return the distance (...,) [m] from the nearest singularity, as defined by the mechanism."""
 
     @abstractmethod
-    def passive_angles(self, q):
+    def passive_angles(self, q: Any) -> dict[str, Any]:
         """Return {name: angle (...,) [rad]} of the joints without a motor, for an array or Jet `q` (..., n)."""
 
     @abstractmethod
-    def dynamic_parameters(self):
+    def dynamic_parameters(self) -> Array:
         """Return the nominal vector p of `terms`, a new array in the order of `parameters` [SI]."""
 
-    def check_joints(self, q):
+    def check_joints(self, q: ArrayLike) -> None:
         """Refuse joint positions `q` (..., n) that are not finite or outside the travel (2.4): `WorkspaceError`."""
         q = self._joints(q)
         check_finite(q, self.joints)
         check_between(q, self.limits.lower, self.limits.upper, self.joints, 'travel', slack=ROUNDING)
 
-    def check_pose(self, x):
+    def check_pose(self, x: ArrayLike) -> None:
         """Refuse poses `x` (..., m) that the mechanism or the travel of its sliders cannot reach: `WorkspaceError`."""
         self.check_joints(self.inverse(x))
 
-    def mass_matrix(self, q):
+    def mass_matrix(self, q: ArrayLike) -> Array:
         """Return M (..., n, n) [kg] at `q` (..., n), symmetric and positive definite."""
         return self._terms(q, np.zeros(len(self.joints)))[0]
 
-    def bias(self, q, qd):
+    def bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Return C (..., n) [N], the Coriolis and centrifugal forces at `q`, `qd` (..., n)."""
         return self._terms(q, qd)[1]
 
-    def gravity(self, q):
+    def gravity(self, q: ArrayLike) -> Array:
         """Return G (..., n) [N], the slider forces that hold the mechanism at rest at `q` (..., n)."""
         return self._terms(q, np.zeros(len(self.joints)))[2]
 
-    def inverse_dynamics(self, q, qd, qdd):
+    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Return the slider forces F = M qdd + C + G (..., n) [N] of the motion `q`, `qd`, `qdd` (..., n); (5.1)."""
         M, C, G = self._terms(q, qd)
         return np.einsum('...ij,...j->...i', M, self._joints(qdd)) + C + G

@@ -37,7 +37,9 @@ class CycleRecords:
         return np.array([[getattr(axis, name) for axis in cycle] for cycle in self.metrics])
 
 
-def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nominal', start=None, laser=False):
+def run_cycles(
+    machine, trajectory, control, law, cycles, seed, environment='nominal', start=None, laser=False, controller=None
+):
     """
     Run `cycles` cycles of a joint trajectory from power-up at the home position.
 
@@ -59,6 +61,8 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
         Learned feedforward [V] of the first cycle, by default zero; without a law that of all cycles.
     laser : bool
         Whether the end point is measured; doubles the run time.
+    controller : object, optional
+        With the interface of pkm_core.control.controllers; replaces the controller that `control` describes.
 
     Returns
     -------
@@ -70,7 +74,8 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
         If the plant stops with a fault; with cycle and sample.
 
     """
-    plant, controller = Plant(machine, seed, environment), make_controller(machine, control)
+    plant = Plant(machine, seed, environment)
+    controller = make_controller(machine, control) if controller is None else controller
     records = _empty_records(machine, cycles, trajectory, start)
     learning = None if law is None else _Learning(machine, law.with_reference(trajectory))
     watch = Laser(machine, seed, environment) if laser else None
