@@ -150,7 +150,7 @@ def test_divergence_is_noticed_within_two_cycles_and_the_best_feedforward_is_dri
     notice = graph.next_event(CycleEvent.NOTICE)
     assert (notice.source, notice.cycle) == ('d3', 5)
     assert notice.message.startswith('learning of d3 diverges: 5.0, 13.0, 40.0 um rms')
-    assert 'back to the feedforward that left 4.0 um' in notice.message
+    assert 'returned to the feedforward with 4.0 um' in notice.message
     graph.spin_until(lambda: any(s.level == DiagnosticStatus.WARN for m in diagnostics for s in m.status), 'a warning')
     assert diagnostics[-1].status[0].message == notice.message
     graph.spin_until(lambda: len(learning.requests) == 5, 'the request of the sixth cycle')

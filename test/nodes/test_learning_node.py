@@ -251,11 +251,11 @@ def spoiled(values, index, value):
         ({'error': array('d'), 'feedforward': array('d')}, 'learning d5: error has shape (0,); expected (N,), N >= '),
         (
             {'error': spoiled([0.0] * SAMPLES, 17, math.nan)},
-            'learning d5: error is nan at sample 17; expected a finite one',
+            'learning d5: error is nan at sample 17; expected a finite value',
         ),
         (
             {'feedforward': spoiled([0.0] * SAMPLES, 3, -math.inf)},
-            'learning d5: feedforward is -inf at sample 3; expected a finite one',
+            'learning d5: feedforward is -inf at sample 3; expected a finite value',
         ),
         (
             {'has_gains': True},

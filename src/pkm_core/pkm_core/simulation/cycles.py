@@ -37,17 +37,17 @@ class CycleRecords:
         return np.array([[getattr(axis, name) for axis in cycle] for cycle in self.metrics])
 
 
-def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nominal', start=None, laser=False):
+def run_cycles(machine, trajectory, gains, law, cycles, seed, environment='nominal', start=None, laser=False):
     """
     Run `cycles` cycles of a joint trajectory from power-up at the home position.
 
     Parameters
     ----------
     machine : Machine
-        What is simulated.
+        The simulated machine.
     trajectory : SampledTrajectory
         In joints, as `to_joints` returns it; N samples.
-    control : dict of str to RobustGains or TorqueGains
+    gains : dict of str to RobustGains or TorqueGains
         From `load_control` or `load_torque_control`.
     law : Law or None
         From `make_law`; None learns nothing.
@@ -70,7 +70,7 @@ def run_cycles(machine, trajectory, control, law, cycles, seed, environment='nom
         If the plant stops with a fault; with cycle and sample.
 
     """
-    plant, controller = Plant(machine, seed, environment), make_controller(machine, control)
+    plant, controller = Plant(machine, seed, environment), make_controller(machine, gains)
     records = _empty_records(machine, cycles, trajectory, start)
     learning = None if law is None else _Learning(machine, law.with_reference(trajectory))
     watch = Laser(machine, seed, environment) if laser else None
