@@ -73,7 +73,7 @@ def test_failed_acceptance_gives_the_old_gains_back_and_says_why(processes, tuni
     assert errors['restored'] == errors['as_found']
     assert errors['learned'] == []
     for axis, error in errors['tuned'][0].items():
-        assert f'{axis}: acceptance move errs by {error:.1f} um; allowed 1 um' in results['reasons']
+        assert f'{axis}: error of the acceptance move {error:.1f} um; allowed 1 um' in results['reasons']
     for kind in ('model', 'control'):
         installed, original = (
             folder / kind / 'planar.yaml' for folder in (out / 'config', Configuration.of_environment().folder)

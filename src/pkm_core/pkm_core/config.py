@@ -1,9 +1,9 @@
 """
-Strict YAML to frozen models: every value carries its unit, every error says file, key, what came and what is allowed.
+Strict YAML to frozen models: every value has its unit; every error has file, key, value and allowed range.
 
-Files write quantities as people do (``l2: 70 mm``); models hold SI floats. A bare number where a unit is due, a unit of
-another dimension, an unknown or doubled key, a NaN, a value out of range: all are refused by `load_config`.
-Built from Python, the same models take plain SI numbers.
+Quantities in files have units (``l2: 70 mm``); models have SI floats. `load_config` refuses a number without its unit,
+a unit of another dimension, an unknown or duplicate key, a NaN and a value out of range. Built from Python, the same
+models take plain SI numbers.
 """
 
 import hashlib
@@ -21,9 +21,8 @@ from pkm_core.quantities import to_si
 from pkm_core.yaml_text import YamlError, parse_yaml, read_text
 
 _FROM_FILE = {'from_file': True}
-_MOST_REASONS = 5  # of one refusal; the first is the one to mend first
-# what people write instead of the SI unit: the example of a refusal should be near what was meant
-_USUAL = {'m': 'mm', 's': 'ms', 'rad': 'deg'}
+_MOST_REASONS = 5  # per error message
+_USUAL = {'m': 'mm', 's': 'ms', 'rad': 'deg'}  # units for the example in an error message
 
 
 class Config(BaseModel):
@@ -46,11 +45,12 @@ def _to_si(value, unit, info):
 
 def quantity(unit):
     """
-    Return the annotated float type of a field held in `unit` (an SI unit; '' for a pure number).
+    Return the annotated float type of a field in `unit` (an SI unit; '' for a pure number).
 
-    Add bounds in SI with ``Annotated[quantity('m'), Field(gt=0)]``.
+    Add bounds in SI and the meaning of the key, which is shown in docs/parameters.md, with
+    ``Annotated[quantity('m'), Field(gt=0, description='of the link')]``.
     """
-    described = Field(json_schema_extra={'unit': unit})  # for the page of parameters
+    described = Field(json_schema_extra={'unit': unit})  # for docs/parameters.md
     return Annotated[float, BeforeValidator(lambda value, info: _to_si(value, unit, info)), described]
 
 
@@ -102,7 +102,7 @@ def _known_keys(model, location):
         annotation = (
             model.model_fields[part].annotation if isinstance(part, str) and part in model.model_fields else None
         )
-        choices = get_args(annotation) or (annotation,)  # of a section that may be absent, `Model | None`
+        choices = get_args(annotation) or (annotation,)  # an optional section is `Model | None`
         models = [choice for choice in choices if isinstance(choice, type) and issubclass(choice, BaseModel)]
         if not models:
             return None
@@ -140,7 +140,7 @@ def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -
     """
     Return `model` built from the mapping `data` of a file; errors begin with `where`.
 
-    With `context` None the mapping is one of SI numbers, from a program.
+    With `context` None the values are SI numbers of a program.
     """
     try:
         return model.model_validate(data, context=context)
@@ -152,24 +152,24 @@ def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -
 
 
 def load_config(path, model: type[Config]) -> Any:
-    """Return `model` read from the YAML file `path`; `ConfigError` names file, key, value and what is allowed."""
+    """Return `model` read from the YAML file `path`; a `ConfigError` has file, key, value and allowed range."""
     return parse_config(read_yaml(path), model, where=str(path))
 
 
 def install_prefixes() -> list[Path]:
-    """Return where packages may be installed: every prefix a sourced ROS workspace names, and this Python's own."""
+    """Return the prefixes of installed packages: those of the sourced ROS workspaces, and that of this Python."""
     return [*map(Path, filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))), Path(sys.prefix)]
 
 
 @dataclass(frozen=True)
 class Configuration:
     """
-    The folder of configuration files that a program works with; `Machine.configuration` carries it along.
+    The folder of configuration files in use; every `Machine` has one as its attribute `configuration`.
 
     Attributes
     ----------
     folder : Path
-        Has one folder per kind of file: machines, model, control, truth, motions, learning, tuning, design.
+        With one folder per kind of file: machines, model, control, truth, motions, learning, tuning, design.
 
     """
 
@@ -178,12 +178,12 @@ class Configuration:
     @classmethod
     def of_environment(cls) -> 'Configuration':
         """
-        Return the configuration in $PKM_CONFIG, else of the source tree, else the installed one.
+        Return the configuration in $PKM_CONFIG, else that of the source tree, else the installed one.
 
         Raises
         ------
         ConfigError
-            If $PKM_CONFIG names no folder, or there is none at all.
+            If $PKM_CONFIG is not a folder, or there is no configuration.
 
         """
         named = os.environ.get('PKM_CONFIG')
@@ -209,7 +209,7 @@ class Configuration:
         Raises
         ------
         ConfigError
-            If there is none; the names that exist are listed.
+            If there is none; the existing names are listed.
 
         """
         text = str(name_or_path)
@@ -225,7 +225,7 @@ class Configuration:
 
 
 def find_config(kind, name_or_path, configuration=None) -> Path:
-    """Return what `Configuration.find` does, by default in the configuration of the environment."""
+    """Return the result of `Configuration.find`, by default in the configuration of the environment."""
     return (configuration or Configuration.of_environment()).find(kind, name_or_path)
 
 

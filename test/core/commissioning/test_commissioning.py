@@ -1,4 +1,4 @@
-"""From an unknown machine to new gains: what is applied, what is refused, and what comes back."""
+"""Commissioning: what is applied, what is refused, and what is restored."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -33,14 +33,14 @@ def place(planar, tmp_path):
 
 
 def response_of(model, machine, name='d1_sweep_0', coherence=1.0):
-    """Return what a sweep without noise would measure of an axis."""
+    """Return the response that a sweep without noise measures of an axis."""
     frequency = np.arange(80.0, 500.0, 2.0)
     plant = plant_system(model, machine.sample_time)(unit_circle(frequency, machine.sample_time))
     return MeasuredResponse(name, machine.home[0], frequency, plant, np.full(frequency.size, coherence))
 
 
 class Bench:
-    """A bench whose axes are what `truth` says, and whose moves err by what the test wants."""
+    """A bench with axes as in `truth` and with moves whose errors are given by the test."""
 
     def __init__(self, machine, place, *, responses_of=response_of, errors=None):
         self._machine, self._place, self._responses_of = machine, place, responses_of
@@ -73,7 +73,7 @@ class Bench:
 
 @pytest.fixture(scope='module')
 def small():
-    """Return a search that ends in a second."""
+    """Return a search that takes about 1 s."""
     config = load_tuning()
     search = config.search.model_copy(update={'population': 32, 'generations': 10, 'restarts': 1})
     return config.model_copy(update={'search': search})
@@ -82,99 +82,100 @@ def small():
 def run(bench, place, config, folder):
     steps = []
     with ThreadPoolExecutor(1) as executor:
-        story = commission(
+        outcome = commission(
             place.machine, bench, place, config, law='inverse', cycles=3, limit=30 * UM, seed=1, executor=executor,
             folder=folder / 'search', on_step=lambda *step: steps.append(step),
         )  # fmt: skip
-    return story, steps
+    return outcome, steps
 
 
 def test_gains_that_pass_are_kept_and_the_motion_is_learned(planar, place, small, tmp_path):
     found_model, found_kp = load_model(planar)['d1'].gain, load_control(planar)['d1'].kp
     bench = Bench(place.machine, place)
-    story, steps = run(bench, place, small, tmp_path)
-    assert story.accepted
-    assert story.reasons == []
+    outcome, steps = run(bench, place, small, tmp_path)
+    assert outcome.accepted
+    assert outcome.reasons == []
     (first, *_), (second, model, kp) = bench.started
     assert (first, second) == ('as_found', 'tuned')
     assert (bench.started[0][1:], model) == ((found_model, found_kp), 9.8)
-    assert kp == load_control(planar)['d1'].kp != found_kp  # what stays installed is what ran
+    assert kp == load_control(place.machine)['d1'].kp != found_kp  # the installed gains are those that ran
     assert bench.moves == [('as_found', 1, 'none'), ('tuned', 1, 'none'), ('inverse', 3, 'inverse')]
     shares = [share for what, share in steps if what == 'tuning']
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
 
-def test_every_candidate_has_its_cost_and_the_least_is_recommended(planar, place, small, tmp_path):
-    story, _ = run(Bench(place.machine, place), place, small, tmp_path)
-    tuned = load_control(planar)
-    for joint, found in story.candidates.items():
+def test_candidates_have_costs_and_the_least_is_recommended(planar, place, small, tmp_path):
+    outcome, _ = run(Bench(place.machine, place), place, small, tmp_path)
+    tuned = load_control(place.machine)
+    for joint, found in outcome.candidates.items():
         assert found[0].name == 'as found'
         assert [each.name for each in found[1:] if each.recommended] == [found[1].name]
         assert found[1].objective == min(each.objective for each in found[1:])
         assert not found[1].beyond
         # the file has six digits
         assert found[1].gains.model_dump()['kp'] == pytest.approx(tuned[joint].kp, rel=1e-5)
-    rows = candidate_table(story).rows
-    assert len(rows) == sum(map(len, story.candidates.values()))
+    rows = candidate_table(outcome).rows
+    assert len(rows) == sum(map(len, outcome.candidates.values()))
     assert [row[-1] for row in rows].count('recommended') == 2
 
 
-def test_old_files_come_back_when_the_acceptance_move_fails(planar, place, small, tmp_path):
+def test_old_files_are_restored_when_the_acceptance_move_fails(planar, place, small, tmp_path):
     before = {path: path.read_bytes() for path in (place.model, place.control)}
     bench = Bench(place.machine, place, errors={'tuned': 40 * UM})
-    story, _ = run(bench, place, small, tmp_path)
-    assert not story.accepted
-    assert story.reasons == [f'{j}: acceptance move errs by 40.0 um; allowed 30 um' for j in ('d1', 'd3')]
+    outcome, _ = run(bench, place, small, tmp_path)
+    assert not outcome.accepted
+    assert outcome.reasons == [f'{j}: error of the acceptance move 40.0 um; allowed 30 um' for j in ('d1', 'd3')]
     assert {path: path.read_bytes() for path in before} == before
     assert [name for name, *_ in bench.started] == ['as_found', 'tuned', 'restored']
     assert bench.started[0][1:] == bench.started[2][1:]
     assert bench.moves[-1] == ('restored', 1, 'none')  # nothing is learned
-    assert 'because' in verdict(story)[0]
-    assert [row[3] for row in error_table(planar, story).rows] == ['50.0', '50.0']
+    assert 'not kept' in verdict(outcome)[0]
+    assert [row[3] for row in error_table(planar, outcome).rows] == ['50.0', '50.0']
 
 
-def test_machine_that_faults_under_new_gains_gets_the_old_ones_back(planar, place, small, tmp_path):
+def test_fault_under_new_gains_restores_the_old_gains(planar, place, small, tmp_path):
     bench = Bench(place.machine, place, errors={'tuned': PkmError('machine: d1 ran into its upper stop')})
-    story, _ = run(bench, place, small, tmp_path)
-    assert story.reasons == ['machine: d1 ran into its upper stop']
+    outcome, _ = run(bench, place, small, tmp_path)
+    assert outcome.reasons == ['machine: d1 ran into its upper stop']
     assert bench.started[-1][0] == 'restored'
 
 
-def test_gains_are_kept_and_the_reason_is_told_when_learning_fails(planar, place, small, tmp_path):
+def test_gains_are_kept_with_a_reason_when_learning_fails(planar, place, small, tmp_path):
     bench = Bench(place.machine, place, errors={'inverse': PkmError('learning law inverse would diverge')})
-    story, _ = run(bench, place, small, tmp_path)
-    assert story.accepted
+    outcome, _ = run(bench, place, small, tmp_path)
+    assert outcome.accepted
     assert bench.started[-1][0] == 'tuned'
-    assert verdict(story)[1] == 'The motion was not learned: learning law inverse would diverge'
+    assert verdict(outcome)[1] == 'The motion was not learned: learning law inverse would diverge'
 
 
-def test_gains_that_fail_on_the_measured_response_are_never_applied(planar, place, small, tmp_path):
-    def other(model, machine):  # what was measured has twice the gain of what was fitted
+def test_gains_failing_on_the_measured_response_are_not_applied(planar, place, small, tmp_path):
+    def other(model, machine):  # the measured response has twice the fitted gain
         return response_of(model.model_copy(update={'gain': 2 * model.gain}), machine)
 
     bench = Bench(place.machine, place, responses_of=other)
-    story, _ = run(bench, place, small, tmp_path)
+    outcome, _ = run(bench, place, small, tmp_path)
     assert [name for name, *_ in bench.started] == ['as_found', 'restored']
-    assert not story.tuned
-    assert 'gain margin' in story.reasons[0]
-    assert 'on the response measured as d1_sweep_0; allowed from 6 dB' in story.reasons[0]
+    assert not outcome.tuned
+    assert 'gain margin' in outcome.reasons[0]
+    assert 'on the response measured as d1_sweep_0; allowed from 6 dB' in outcome.reasons[0]
 
 
-def test_axis_for_which_nothing_is_found_keeps_its_old_gains(planar, place, small, tmp_path):
+def test_old_gains_are_kept_if_no_candidate_is_found(planar, place, small, tmp_path):
     strict = small.limits.nominal.model_copy(update={'gain_margin': 30.0})
     impossible = small.model_copy(update={'limits': small.limits.model_copy(update={'nominal': strict})})
     bench = Bench(place.machine, place)
-    story, _ = run(bench, place, impossible, tmp_path)
-    assert 'none of 320 candidates keeps all limits' in story.reasons[0]
+    outcome, _ = run(bench, place, impossible, tmp_path)
+    assert 'none of 320 candidates satisfies all limits' in outcome.reasons[0]
     assert bench.started[-1][0] == 'restored'
 
 
-def test_page_tells_the_outcome_and_needs_nothing_beside_itself(planar, place, small, tmp_path):
-    story, _ = run(Bench(place.machine, place, errors={'tuned': 40 * UM}), place, small, tmp_path)
-    write_page(tmp_path / 'report.html', planar, story, {'specimen': 3})
+def test_report_page_has_the_outcome_and_is_self_contained(planar, place, small, tmp_path):
+    outcome, _ = run(Bench(place.machine, place, errors={'tuned': 40 * UM}), place, small, tmp_path)
+    write_page(tmp_path / 'report.html', planar, outcome, {'specimen': 3})
     text = (tmp_path / 'report.html').read_text()
-    for expected in ('errs by 40.0 um; allowed 30 um', 'recommended', 'as found', 'a warning', 'specimen'):
+    refusal = 'error of the acceptance move 40.0 um; allowed 30 um'
+    for expected in (refusal, 'recommended', 'as found', 'a warning', 'specimen'):
         assert expected in text
     assert 'src="data:' in text
     assert 'src="http' not in text
@@ -187,13 +188,13 @@ def test_margins_on_a_perfect_measurement_are_those_of_the_model(planar):
     found, reasons = check_measured('d1', gains, model, [response_of(model, planar)], limits, planar.sample_time)
     margins = found['d1_sweep_0']
     assert reasons == []
-    # lines of the sweep are 2 Hz apart, those of the model a quarter
+    # lines of the sweep are 2 Hz apart, those of the model 0.25 Hz
     assert margins.gain_margin == pytest.approx(expected.gain_margin, abs=0.02)
     assert margins.phase_margin == pytest.approx(expected.phase_margin, abs=0.2)
     assert margins.peak_sensitivity == pytest.approx(expected.peak_sensitivity, rel=0.01)
 
 
-def test_lines_without_coherence_do_not_count(planar):
+def test_lines_without_coherence_are_left_out(planar):
     model, gains = load_model(planar)['d1'], load_control(planar)['d1']
     spoiled = response_of(model, planar)
     spoiled.plant[100], spoiled.coherence[100] = 1e3 * spoiled.plant[100], 0.3
@@ -203,7 +204,7 @@ def test_lines_without_coherence_do_not_count(planar):
     assert check_measured('d1', gains, model, [spoiled], limits, planar.sample_time)[1]
 
 
-def test_worst_perturbed_model_measured_falls_short_with_its_numbers(planar):
+def test_measured_perturbed_model_violates_limits_with_numbers(planar):
     model, gains = load_model(planar)['d1'], load_control(planar)['d1']
     measured = [response_of(each, planar, str(number)) for number, each in enumerate(perturbed_models(model, (1.5,)))]
     limits = load_tuning().limits.perturbed

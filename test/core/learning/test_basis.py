@@ -77,7 +77,7 @@ def test_design_forces_are_those_of_the_inverse_dynamics():
 def test_parameters_of_a_feedforward_are_recovered(name):
     bound = law(name).with_reference(training(name))
     rng = np.random.default_rng(4)
-    for joint in law(name).control:
+    for joint in law(name).gains:
         names = bound.parameters(joint, np.zeros(len(training(name))))
         wanted = {key: float(rng.uniform(-0.5, 0.5)) for key in names}
         found = bound.parameters(joint, bound.feedforward(joint, wanted))

@@ -31,7 +31,7 @@ def law(name, loops):
 
 @cache
 def factors(name, loops):
-    return {joint: convergence(law(name, loops), joint) for joint in law(name, loops).control}
+    return {joint: convergence(law(name, loops), joint) for joint in law(name, loops).gains}
 
 
 @pytest.mark.parametrize('loops', LOOPS)
@@ -69,7 +69,7 @@ def test_thesis_law_halves_the_error_of_a_move_in_three_cycles(loops):
 @pytest.mark.parametrize('loops', LOOPS)
 def test_without_its_advance_the_fourier_law_diverges_slowly(loops):
     printed = law('fourier', loops).as_printed()
-    for joint in printed.control:
+    for joint in printed.gains:
         found = convergence(printed, joint)
         assert 1.2 < found.worst < 1.5
         first = found.frequency[(found.factor.max(axis=0) > 1).argmax()]

@@ -1,4 +1,4 @@
-"""What a motion may ask for: what lies between samples counts, and nothing endless is made before it is refused."""
+"""Limits of a motion: also between samples, and checked before a long trajectory is computed."""
 
 import tracemalloc
 from dataclasses import replace
@@ -27,7 +27,7 @@ def test_jump_between_samples_is_refused_with_the_shortest_time():
     """Its speed and thrust are zero at every sample, and 10 m/s between two of them."""
     with pytest.raises(TrajectoryError, match=r'd1 at sample 40 to the next moves at 10\.000 m/s') as refusal:
         plan(PLANAR, motion(move_time=0.5e-3))
-    shortest = float(str(refusal.value).partition('shortest move_time that can be driven is ')[2].split()[0]) * 1e-3
+    shortest = float(str(refusal.value).partition('shortest allowed move_time: ')[2].split()[0]) * 1e-3
     plan(PLANAR, motion(move_time=shortest))
     with pytest.raises(TrajectoryError):
         plan(PLANAR, motion(move_time=shortest - PLANAR.sample_time))
@@ -35,7 +35,7 @@ def test_jump_between_samples_is_refused_with_the_shortest_time():
 
 @pytest.mark.parametrize(('size', 'reason'), [(8e-3, 'moves at 16'), (100e-6, 'and its neighbours need')])
 def test_position_that_jumps_without_derivatives_is_refused(size, reason):
-    """As a message can bring it: the positions jump, speed and acceleration do not say so."""
+    """A message can have this: positions with a jump, and zero speed and acceleration."""
     joints = to_joints(PLANAR, plan(PLANAR, load_motion('planar_80ms')))
     position = joints.position.copy()
     position[10:, 0] += size

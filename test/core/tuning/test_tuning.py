@@ -1,4 +1,4 @@
-"""The search for gains: what it optimises, that it is reproducible anywhere, resumes, and ends in a file that loads."""
+"""The search for gains: objective, reproducibility, resuming, and the resulting file."""
 
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import cache
@@ -34,7 +34,7 @@ LOOSE = LoopLimits(gain_margin=3.0, phase_margin=0.3, peak_sensitivity=5.0, reso
 
 
 def small(generations=24, restarts=1):
-    """Return a search of a second, with limits that it can keep."""
+    """Return a search of about 1 s with limits that it can satisfy."""
     search = CONFIG.search.model_copy(update={'population': 16, 'generations': generations, 'restarts': restarts})
     limits = CONFIG.limits.model_copy(update={'nominal': LOOSE, 'perturbed': LOOSE})
     return CONFIG.model_copy(update={'search': search, 'limits': limits})
@@ -70,7 +70,7 @@ def assert_same(branches, others):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_candidates_are_even_in_the_logarithm_of_the_bounds():
+def test_candidates_are_uniform_in_the_logarithm_of_the_bounds():
     bounds, gain = CONFIG.bounds, load_model(STAGE)['x'].gain
     low, middle, high = (problem().gains(np.full(9, share)) for share in (0.0, 0.5, 1.0))
     assert low.kd * gain / (2 * np.pi) == pytest.approx(bounds.speed_crossover[0])
@@ -92,9 +92,9 @@ def test_objective_is_its_five_terms():
     assert problem().objective(figures)[0] == pytest.approx(0.1 + 0.2 + 0.0 + 0.9 + 2.0)
 
 
-def test_disturbance_is_the_rms_answer_to_a_step_of_force():
+def test_disturbance_is_the_rms_response_to_a_step_of_force():
     gains, model, ts = load_control(STAGE)['x'], load_model(STAGE)['x'], STAGE.sample_time
-    # the same in time: state of P alone is disturbed, e -> u closes the loop
+    # the same in time domain: a force on the state of P, in the closed loop
     figures = dict(zip(COLUMNS, problem().figures(gains), strict=True))
     loop = open_loop(gains, model, ts)
     frequency = np.geomspace(0.05, 999.0, 20000)
@@ -123,24 +123,24 @@ def test_every_candidate_is_kept_with_its_figures():
     np.testing.assert_array_equal(problem().evaluate(branch.points[some]), branch.figures[some])
 
 
-def test_processes_do_not_change_the_search():
+def test_number_of_processes_does_not_change_the_search():
     with ProcessPoolExecutor(2, mp_context=get_context('spawn')) as executor:
         assert_same(search(small(), executor), searched())
 
 
-def test_another_seed_is_another_search():
+def test_another_seed_gives_another_search():
     with ThreadPoolExecutor(1) as executor:
         other = search(small(generations=1), executor, seed=2)
     assert (other[0].points != searched()[0].points[:16]).any()
 
 
-def test_restarts_begin_differently_and_leave_the_first_alone():
+def test_restarts_differ_and_do_not_change_the_first():
     first, second = searched(restarts=2)[:2]
     np.testing.assert_array_equal(first.points, searched()[0].points)
     assert (first.points != second.points).any()
 
 
-def test_interrupted_search_goes_on_to_the_same_end(tmp_path):
+def test_resumed_search_has_the_same_result(tmp_path):
     config, path = small(), tmp_path / 'search.npz'
     posed = problems(config)
     branches = new_branches(posed)
@@ -168,14 +168,14 @@ def test_file_of_another_search_is_refused(tmp_path):
         read_branches(path, posed, {'machine': 'xy_stage', 'seed': 2})
     for broken in (path.read_bytes()[:5000], b'nothing', b''):
         path.write_bytes(broken)
-        with pytest.raises(PkmError, match='is no search of pkm tune'):
+        with pytest.raises(PkmError, match='is not a search of pkm tune'):
             read_branches(path, posed, {})
 
 
-def test_limits_no_candidate_keeps_are_refused_by_axis():
+def test_limits_that_no_candidate_satisfies_are_refused_by_axis():
     deaf = LoopLimits(gain_margin=30.0, phase_margin=0.8, peak_sensitivity=1.1, resonance_peak=0.1)
     tight = CONFIG.model_copy(update={'limits': CONFIG.limits.model_copy(update={'nominal': deaf})})
-    with pytest.raises(PkmError, match=r'x: none of \d+ candidates keeps all limits; the nearest is .* % beyond one'):
+    with pytest.raises(PkmError, match=r'x: none of \d+ candidates satisfies all limits; least violation .* %'):
         recommended(TuningProblem(tight, load_model(STAGE)['x'], STAGE.sample_time), searched()[:1])
 
 
@@ -184,7 +184,7 @@ def test_recommendation_is_written_as_a_file_that_loads(tmp_path):
         found = tune(STAGE, small(), 1, executor, tmp_path)
         again = tune(STAGE, small(), 1, executor, tmp_path / 'again')
         longer = tune(STAGE, small(generations=30), 1, executor, tmp_path, resume=tmp_path / SEARCH_FILE)
-        with pytest.raises(PkmError, match=r'search.npz: holds a search; resume it or name another folder'):
+        with pytest.raises(PkmError, match=r'search.npz: has a search; resume it or name another folder'):
             tune(STAGE, small(), 1, executor, tmp_path)
     control = load_control(STAGE, str(tmp_path / 'again' / 'xy_stage.yaml'))
     for joint, axis in found.items():
@@ -194,7 +194,7 @@ def test_recommendation_is_written_as_a_file_that_loads(tmp_path):
         assert axis.worst.peak_sensitivity <= LOOSE.peak_sensitivity
         assert axis.candidates == 16 * 24
         assert longer[joint].objective <= axis.objective
-        # six digits stand in the file: the judged margins are those of what is loaded
+        # the file has six digits: the reported margins are those of the loaded gains
         margins = stability_margins(control[joint], load_model(STAGE)[joint], STAGE.sample_time)
         assert axis.margins.phase_margin == pytest.approx(margins.phase_margin, abs=1e-9)
     with np.load(tmp_path / SEARCH_FILE) as file:
@@ -202,7 +202,7 @@ def test_recommendation_is_written_as_a_file_that_loads(tmp_path):
         assert tuple(file['columns']) == COLUMNS
 
 
-def test_table_has_the_rows_of_the_thesis_beside_ours():
+def test_table_has_the_rows_of_the_thesis_and_ours():
     machine = load_machine('planar')
     gains, model = load_control(machine, DESIGNS / 'planar.yaml')['d3'], load_model(machine)['d3']
     margins = stability_margins(gains, model, machine.sample_time)
@@ -211,7 +211,7 @@ def test_table_has_the_rows_of_the_thesis_beside_ours():
     assert column['KP'] == pytest.approx(3.28941 / 15.2588, rel=1e-5)
     assert column['KI'] == pytest.approx(307.117 * 0.5e-3 / 15.2588, rel=1e-5)
     assert column['KD'] == pytest.approx(0.0299273 / 0.5e-3 / 15.2588, rel=1e-5)
-    # theory.md 7.4: matched Ka is 37 at 10 V/mm; the loop's delay adds to it
+    # theory.md 7.4: matched Ka is 37 at 10 V/mm; the delay of the loop adds to it
     assert column['Ka'] * 15.2588 / 10 == pytest.approx(37.05, rel=0.03)
     printed = dict(zip(ROWS, printed_column('planar', 'd3'), strict=True))
     assert (printed['KP'], printed['notch r (Hz)'], printed['CLBW (Hz)'], printed['Kj']) == (0.48379, 438, 41.85, None)
@@ -225,7 +225,7 @@ def test_table_has_the_rows_of_the_thesis_beside_ours():
 @pytest.mark.parametrize(
     ('old', 'new', 'reason'),
     [
-        ('[20 Hz, 120 Hz]', '[120 Hz, 20 Hz]', 'speed_crossover: expected the lower bound first'),
+        ('[20 Hz, 120 Hz]', '[120 Hz, 20 Hz]', 'speed_crossover: 120 to 20 given; expected the lower bound first'),
         ('[20 Hz, 120 Hz]', '[20, 120]', 'has no unit'),
         ('gain_margin: 9 dB', 'gain_margin: 9', 'gain_margin'),
         ('restarts: 2', 'restarts: 0', 'restarts'),
@@ -238,7 +238,7 @@ def test_unfit_tuning_file_is_refused(tmp_path, old, new, reason):
         load_tuning(path)
 
 
-def test_cluster_that_is_not_there_is_refused():
+def test_unreachable_cluster_is_refused():
     with pytest.raises(PkmError, match=r"--cluster: 'tcp://127\.0\.0\.1:9'"), search_executor(1, 'tcp://127.0.0.1:9'):
         pass
 
@@ -257,7 +257,7 @@ def test_dask_cluster_does_not_change_the_search():
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('name', ['four_dof', 'planar', 'xy_stage'])
-def test_verb_reaches_the_goals_and_the_configured_gains(name, tmp_path):
+def test_verb_reaches_the_targets_and_the_configured_gains(name, tmp_path):
     app = typer.Typer()
     app.command()(tune_verb)
     result = CliRunner().invoke(app, ['--machine', name, '--out', str(tmp_path)], catch_exceptions=False)
@@ -274,7 +274,7 @@ def test_verb_reaches_the_goals_and_the_configured_gains(name, tmp_path):
         assert worst.gain_margin >= 6
         assert worst.phase_margin >= 38
         assert worst.peak_sensitivity <= 2.3
-        # another processor may round otherwise, and a search takes another way then
+        # another processor may round differently; the search then takes another path
         assert tuned[joint].kp == pytest.approx(configured[joint].kp, rel=0.1)
     names = {f'{name}.yaml', 'search.npz', 'table.md', *(f'margins_{joint}.png' for joint in machine.joints)}
     assert {path.name for path in tmp_path.iterdir()} == names

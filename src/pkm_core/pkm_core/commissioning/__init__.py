@@ -1,6 +1,6 @@
 """
-From an unknown machine to a learned motion: what the nodes and `pkm commission` do, without ROS.
+Commissioning of an unknown machine, without ROS: identify, tune, check, accept, learn; used by `pkm commission`.
 
-plan.py says which experiments identify an axis, excited_axis.py is what its controller does meanwhile, and fits.py
-makes models of the bags. Nothing here reads the truth of the simulated machine.
+Identification itself is in the package identification. Only `ConfigCopy` touches the truth of the simulated machine: it
+draws a random one for a `specimen`.
 """

@@ -1,4 +1,4 @@
-"""What gains an axis could have, each with its cost on the identified model, and which of them is recommended."""
+"""Candidate gains of an axis, each with its cost on the identified model, and the recommended one."""
 
 from dataclasses import dataclass, replace
 
@@ -19,35 +19,35 @@ _LIMITS = ('stability', *_MARGINS, *(f'perturbed {name}' for name in _MARGINS)) 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Gains of one axis and how they do on its model."""
+    """Gains of one axis and their figures on its model."""
 
     name: str
     gains: RobustGains
     objective: float  # J, (7.30)
     margins: Margins
     worst: Margins  # over the perturbed models
-    beyond: tuple[str, ...]  # limits it does not keep
+    beyond: tuple[str, ...]  # violated limits
     recommended: bool = False
 
 
 def candidates(machine, config, models, as_found, folder):
     """
-    Return {joint: [Candidate]}: the gains as found, then the best of every restart of the search, the least J first.
+    Return {joint: [Candidate]}: the gains as found, then the best of every restart of the search in the order of J.
 
-    That one is recommended: it is what `tune` writes.
+    The candidate with the least J is recommended; `tune` writes the same gains.
 
     Parameters
     ----------
     machine : Machine
-        Whose axes they are.
+        The machine under commissioning.
     config : TuningConfig
-        What the search was asked for.
+        Configuration of the search.
     models : dict of str to AxisModel
-        As identified.
+        The identified models.
     as_found : dict of str to RobustGains
-        The gains that run.
+        The gains in use.
     folder : Path
-        Where `tune` has left its search, with every other candidate's figures.
+        Folder of the search written by `tune`, with the figures of all candidates.
 
     """
     found = {}
@@ -58,7 +58,7 @@ def candidates(machine, config, models, as_found, folder):
                 stored = (search[f'{joint}/{restart}/{name}'] for name in ('points', 'figures', 'population'))
                 try:
                     gains, *_ = recommended(problem, [Branch(joint, restart, *stored, config.search.generations)])
-                except PkmError:  # this restart has found nothing; `tune` has taken its gains from another
+                except PkmError:  # this restart has no valid candidate; `tune` has taken its gains from another one
                     continue
                 best.append(_judged(problem, f'search {restart + 1}', gains))
             best.sort(key=lambda candidate: candidate.objective)

@@ -1,4 +1,4 @@
-"""The configuration of a machine under commissioning: a copy among the results, changed and restored there."""
+"""Copy of the configuration of a machine under commissioning, in the folder of results."""
 
 import shutil
 from pathlib import Path
@@ -10,7 +10,7 @@ from pkm_core.plant.random_truth import draw_truth
 
 class ConfigCopy:
     """
-    A copy of the configuration in which model and gains of one machine can be exchanged.
+    A copy of the configuration in which model and gains of one machine can be replaced.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class ConfigCopy:
     machine : Machine
         The machine with this configuration.
     model, control : Path
-        The files of the machine in it.
+        The files of models and gains of the machine in the copy.
 
     """
 
@@ -32,13 +32,13 @@ class ConfigCopy:
         self._as_found = {path: path.read_bytes() for path in (self.model, self.control)}
 
     def install(self, model, control):
-        """Replace the machine's own files by the files `model` and `control`; None leaves a file as it is."""
+        """Copy the files `model` and `control` over the machine's own files; None keeps a file unchanged."""
         for source, target in ((model, self.model), (control, self.control)):
             if source is not None:
                 shutil.copyfile(source, target)
 
     def restore(self):
-        """Write back the model and the gains that were copied."""
+        """Restore models and gains to their state at construction."""
         for path, content in self._as_found.items():
             path.write_bytes(content)
 
@@ -47,8 +47,8 @@ def copy_config(machine, folder, environment, specimen=None):
     """
     Copy the configuration of `machine` to `folder`/config and return the `ConfigCopy`.
 
-    With a `specimen`, a whole number, the simulated machine becomes an unknown one: another thrust, other modes,
-    dampings and friction (`random_machine`), in the copy only.
+    With a `specimen`, a whole number, thrust, modes, dampings and friction of the simulated machine become random
+    (`random_machine`), in the copy only.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The loop that new gains would close around a measured response, and what it tolerates."""
+"""Loop of new gains with a measured response, and its margins."""
 
 from dataclasses import dataclass
 
@@ -11,17 +11,17 @@ from pkm_core.identification.frequency_fit import COHERENT
 
 @dataclass(frozen=True)
 class MeasuredResponse:
-    """The response of one axis at one position of its motor pair, computation and hold included."""
+    """The response of one axis at one position of its motor pair, computation delay and hold included."""
 
     name: str
-    position: float  # [m] mean place of the axis
+    position: float  # [m] mean position of the axis
     frequency: np.ndarray  # (F,) rising [Hz]
     plant: np.ndarray  # (F,) complex [m/V]
     coherence: np.ndarray  # (F,) between excitation and position
 
     @classmethod
     def of(cls, response):
-        """Return that of a `FrequencyResponse`."""
+        """Return the `MeasuredResponse` of a `FrequencyResponse`."""
         return cls(response.name, response.position, response.frequency, response.plant, response.coherence)
 
 
@@ -29,8 +29,8 @@ def measured_loop(gains, model, response, sample_time):
     """
     Return (frequency [Hz], L) from 0.2 Hz to the upper edge of the sweep.
 
-    Measured lines are those with a coherence from COHERENT on. Below the sweep, where the crossover lies, the model
-    fitted to the moves stands in; above the sweep nothing is known and nothing is said.
+    Measured lines with a coherence below COHERENT are left out. Below the sweep, where the crossover is, the model
+    fitted to the moves is used. Above the sweep there are no data.
     """
     good = response.coherence >= COHERENT
     frequency, plant = response.frequency[good], response.plant[good]
@@ -43,9 +43,9 @@ def measured_loop(gains, model, response, sample_time):
 
 def check_measured(joint, gains, model, responses, limits, sample_time):
     """
-    Return {name of the response: Margins} and, as texts, what falls short of `LoopLimits`.
+    Return {name of the response: Margins} and a list of the violated `LoopLimits` as texts.
 
-    The limits to ask are those for perturbed models: that is what another position or an error of the fit is.
+    Use the limits for perturbed models: another position and an error of the fit are perturbations of the model.
     """
     found, reasons = {}, []
     for response in responses:

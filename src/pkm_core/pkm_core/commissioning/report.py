@@ -1,4 +1,4 @@
-"""What a commissioning has to tell: tables for the console and one HTML page, which needs nothing beside itself."""
+"""Commissioning report: tables for the console and one self-contained HTML page."""
 
 import base64
 import html
@@ -16,21 +16,21 @@ from pkm_core.reporting.page import figure_fragment, page, remark_fragment, tabl
 from pkm_core.reporting.tables import Table
 
 
-def verdict(story):
-    """Return what became of it, a sentence or more."""
-    if story.accepted:
+def verdict(outcome):
+    """Return the outcome as a list of sentences."""
+    if outcome.accepted:
         kept = ['The new gains have passed the acceptance move and are kept.']
-        return [*kept, f'The motion was not learned: {story.not_learned}'] if story.not_learned else kept
-    return ['The new gains are not kept; model and gains are as they were found, because:', *story.reasons]
+        return [*kept, f'The motion was not learned: {outcome.not_learned}'] if outcome.not_learned else kept
+    return ['The new gains are not kept; model and gains are restored. Reasons:', *outcome.reasons]
 
 
-def error_table(machine, story):
-    """Return the table of largest dynamic errors [um] and settling times [ms] of the moves, a row an axis."""
+def error_table(machine, outcome):
+    """Return the table of largest dynamic errors [um] and settling times [ms] of the moves, one row per axis."""
     moves = {
-        'as found': story.as_found[:1],
-        'acceptance': story.tuned[:1],
-        'old gains again': story.restored[:1],
-        f'learned, cycle {len(story.learned)}': story.learned[-1:],
+        'as found': outcome.as_found[:1],
+        'acceptance': outcome.tuned[:1],
+        'restored gains': outcome.restored[:1],
+        f'learned, cycle {len(outcome.learned)}': outcome.learned[-1:],
     }
     moves = {name: cycles[0] for name, cycles in moves.items() if cycles}
     rows = [
@@ -42,36 +42,36 @@ def error_table(machine, story):
     return Table('Largest dynamic error and settling time of the motion', ['axis', *headings], rows)
 
 
-def model_table(story):
-    """Return the table of the models, believed and identified."""
+def model_table(outcome):
+    """Return the table of the models, previous and identified."""
     rows = []
-    for joint, model in story.models.items():
-        for name, each in (('believed', story.believed[joint]), ('identified', model)):
+    for joint, model in outcome.models.items():
+        for name, each in (('previous', outcome.previous_models[joint]), ('identified', model)):
             modes = '  '.join(f'{mode.resonance:.1f} / {mode.antiresonance:.1f}' for mode in each.modes)
-            rows.append([joint if name == 'believed' else '', name, f'{each.gain:.4f}', f'{each.viscosity:.2f}', modes])
+            rows.append([joint if name == 'previous' else '', name, f'{each.gain:.4f}', f'{each.viscosity:.2f}', modes])
     headings = ['axis', '', 'K [m/s²/V]', 'a [1/s]', 'resonance / anti-resonance [Hz]']
     return Table('Models K/(s (s + a)) H(s)', headings, rows)
 
 
-def candidate_table(story):
-    """Return the table of candidates with their costs; one of each axis is recommended."""
+def candidate_table(outcome):
+    """Return the table of candidates with their costs; one per axis is recommended."""
     rows = []
-    for joint, candidates in story.candidates.items():
+    for joint, candidates in outcome.candidates.items():
         for number, each in enumerate(candidates):
             cells = (f'{m.gain_margin:.1f} / {m.phase_margin:.0f} / {m.peak_sensitivity:.2f}'
                      for m in (each.margins, each.worst))  # fmt: skip
             remark = 'recommended' if each.recommended else ''
             remark = '; '.join(filter(None, [remark, each.beyond and f'beyond: {", ".join(each.beyond)}']))
             rows.append(['' if number else joint, each.name, f'{each.objective:.3f}', *cells, remark])
-    headings = ['axis', 'candidate', 'cost J', 'GM dB / PM deg / Smax', 'the same, perturbed', '']
+    headings = ['axis', 'candidate', 'cost J', 'GM dB / PM deg / Smax', 'worst perturbed', '']
     return Table('Candidates on the identified models', headings, rows)
 
 
-def measured_table(story):
+def measured_table(outcome):
     """Return the table of margins of the recommended gains on the measured responses."""
     rows = []
-    for joint, found in story.measured.items():
-        for number, response in enumerate(story.identified.responses[joint]):
+    for joint, found in outcome.measured.items():
+        for number, response in enumerate(outcome.identified.responses[joint]):
             margins = found[response.name]
             place, first = f'{1e3 * response.position:.1f}', joint if number == 0 else ''
             figures = (margins.gain_margin, margins.phase_margin, margins.peak_sensitivity, margins.crossover)
@@ -80,43 +80,43 @@ def measured_table(story):
     return Table('Recommended gains on the measured responses', headings, rows)
 
 
-def write_page(path, machine, story, facts):
+def write_page(path, machine, outcome, facts):
     """
     Write the report of a `Commissioning` to `path`.
 
-    `facts` is a dict of what ran, for the head of the page; pictures of the identification are taken from beside its
-    model file.
+    `facts` is a dict of options and versions for the head of the page. Plots of the identification are read from the
+    folder of its model file.
     """
     table = Table('', ['', ''], [[name, str(value)] for name, value in facts.items()])
     revision = remark_fragment(f'written by pkm commission, revision {git_revision()}')
     sections = [
-        ('Outcome', [*(f'<p>{html.escape(text)}</p>' for text in verdict(story)),
-                     table_fragment(error_table(machine, story)), table_fragment(table), revision]),
-        ('Identification', [table_fragment(model_table(story)), *map(remark_fragment, story.identified.warnings)]),
-        ('Gains', [table_fragment(candidate_table(story)), table_fragment(measured_table(story))]),
+        ('Outcome', [*(f'<p>{html.escape(text)}</p>' for text in verdict(outcome)),
+                     table_fragment(error_table(machine, outcome)), table_fragment(table), revision]),
+        ('Identification', [table_fragment(model_table(outcome)), *map(remark_fragment, outcome.identified.warnings)]),
+        ('Gains', [table_fragment(candidate_table(outcome)), table_fragment(measured_table(outcome))]),
     ]  # fmt: skip
-    if story.measured:
-        sections[-1][1].append(_svg(_loops(machine, story), _LOOPS))
-    if story.learned:
+    if outcome.measured:
+        sections[-1][1].append(_svg(_loops(machine, outcome), _LOOPS))
+    if outcome.learned:
         sections.append(
-            ('Learning', [_svg(_learning(machine, story), 'Largest dynamic error of each axis over cycles.')])
+            ('Learning', [_svg(_learning(machine, outcome), 'Largest dynamic error of each axis over cycles.')])
         )
-    pictures = sorted(story.identified.model_file.parent.glob('*.png'))
+    pictures = sorted(outcome.identified.model_file.parent.glob('*.png'))
     sections.append(('Measurements', [_png(picture) for picture in pictures]))
     path.write_text(page(f'{machine.name}: commissioning', sections), encoding='utf-8')
 
 
 _LOOPS = (
-    'L near -1 with the recommended gains: on the identified model (line), and on the responses measured at every '
+    'L near -1 with the recommended gains: with the identified model (line), and with the responses measured at each '
     'position of the motor pair (dots).'
 )
 
 
-def _loops(machine, story):
-    figure = new_figure(4.2 * len(story.measured), 4.2)
-    for axes, joint in zip(np.atleast_1d(figure.subplots(1, len(story.measured))), story.measured, strict=True):
-        gains = next(each.gains for each in story.candidates[joint] if each.recommended)
-        model, responses = story.models[joint], story.identified.responses[joint]
+def _loops(machine, outcome):
+    figure = new_figure(4.2 * len(outcome.measured), 4.2)
+    for axes, joint in zip(np.atleast_1d(figure.subplots(1, len(outcome.measured))), outcome.measured, strict=True):
+        gains = next(each.gains for each in outcome.candidates[joint] if each.recommended)
+        model, responses = outcome.models[joint], outcome.identified.responses[joint]
         frequency = np.geomspace(20.0, 0.499 / machine.sample_time, 2000)
         z = unit_circle(frequency, machine.sample_time)
         draw_nyquist(axes, gains.response(z, machine.sample_time) * plant_system(model, machine.sample_time)(z))
@@ -128,10 +128,10 @@ def _loops(machine, story):
     return figure
 
 
-def _learning(machine, story):
+def _learning(machine, outcome):
     figure = new_figure(7.0, 4.0)
     axes = figure.subplots()
-    errors = 1e6 * np.array([[axis.max_dynamic_error for axis in cycle] for cycle in story.learned])
+    errors = 1e6 * np.array([[axis.max_dynamic_error for axis in cycle] for cycle in outcome.learned])
     axes.semilogy(np.arange(1, len(errors) + 1), errors, '.-', label=machine.joints)
     axes.set(xlabel='cycle', ylabel='largest dynamic error [um]')
     axes.grid(which='both', alpha=0.3)

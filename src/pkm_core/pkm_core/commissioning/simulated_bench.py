@@ -1,4 +1,4 @@
-"""The bench of `commission` without ROS: the objects of the nodes, called in their order, so with the same bits."""
+"""The bench of `commission` without ROS: the objects of the nodes, called in the same order, with the same bits."""
 
 from pkm_core.commissioning.measured import MeasuredResponse
 from pkm_core.commissioning.procedure import Identified
@@ -13,18 +13,18 @@ from pkm_core.simulation.experiment import SimulatedCell
 
 class SimulatedBench:
     """
-    A simulated machine that is switched on anew by every experiment.
+    A simulated machine that is powered up for every experiment.
 
     Parameters
     ----------
     machine : Machine
-        What is simulated.
+        The simulated machine.
     trajectory : SampledTrajectory
         The motion, in joints.
     seed, environment : int, str
         Of the plant.
     folder : Path
-        Takes models and pictures.
+        Folder for models and plots.
 
     """
 
@@ -33,14 +33,14 @@ class SimulatedBench:
         self._seed, self._environment = seed, environment
 
     def start(self, name):
-        """Nothing runs between experiments, and each reads the files that are installed then."""
+        """Do nothing: nothing runs between experiments, and each one reads the installed files."""
 
     def identify(self, on_step):
         """Return the `Identified` axes."""
         machine, request = self._machine, Request()
-        models, control = load_model(machine), load_control(machine)
-        plans = plan(machine, request, models, control)
-        cell = SimulatedCell(machine, control, self._seed, self._environment)
+        models, gains = load_model(machine), load_control(machine)
+        plans = plan(machine, request, models, gains)
+        cell = SimulatedCell(machine, gains, self._seed, self._environment)
         found, folder, steps, done = {}, self._folder / 'identified', sum(map(len, plans.values())), 0
         for joint, experiments in plans.items():
             records = []
@@ -48,7 +48,7 @@ class SimulatedBench:
                 on_step(f'identifying: {experiment.name}', done / steps)
                 records.append(cell.run(experiment))
                 done += 1
-            found[joint] = fit_records(machine, joint, records, models, control, request.sweep().band, folder)
+            found[joint] = fit_records(machine, joint, records, models, gains, request.sweep().band, folder)
         return Identified(
             write_results(folder, machine.name, found, models, 'pkm commission'),
             {joint: [MeasuredResponse.of(each) for each in axis.responses] for joint, axis in found.items()},
@@ -57,7 +57,7 @@ class SimulatedBench:
 
     def move(self, cycles, law, on_step):
         """Return the metrics of `cycles` cycles of the motion."""
-        machine, control = self._machine, load_control(self._machine)
-        learning = None if law == 'none' else make_law(law, machine, control)
-        records = run_cycles(machine, self._trajectory, control, learning, cycles, self._seed, self._environment)
+        machine, gains = self._machine, load_control(self._machine)
+        learning = None if law == 'none' else make_law(law, machine, gains)
+        records = run_cycles(machine, self._trajectory, gains, learning, cycles, self._seed, self._environment)
         return [list(cycle) for cycle in records.metrics]

@@ -149,7 +149,7 @@ def plan(machine, motion):
 
 
 def _advice(machine, motion):
-    """Return what to change in a motion that is too fast: the shortest move time that the machine can follow."""
+    """Return a hint for a motion that is too fast: the shortest move time within the limits of the machine."""
     if motion.limits is not None:
         return ''
     shortest, longest = _samples(machine, motion, 'move_time'), round(LONGEST_CYCLE / 4 / machine.sample_time)
@@ -161,7 +161,7 @@ def _advice(machine, motion):
             longest = samples
         except TrajectoryError:
             shortest = samples
-    return f'; the shortest move_time that can be driven is {longest * machine.sample_time * 1e3:g} ms'
+    return f'; shortest allowed move_time: {longest * machine.sample_time * 1e3:g} ms'
 
 
 def _joint_trajectory(machine, motion):

@@ -96,7 +96,7 @@ def limited_profile(name, limits, distance, sample_time, longest):
     Raises
     ------
     TrajectoryError
-        If the move would take more than `longest` [s], or the profile knows no such limit.
+        If the move would take more than `longest` [s], or a limited derivative of the profile is not bounded.
 
     """
     if name == 'ruckig':
@@ -113,7 +113,7 @@ def limited_profile(name, limits, distance, sample_time, longest):
 
 
 def _check_duration(duration, distance, longest):
-    """Refuse a move that takes too long before a row per sample is made of it."""
+    """Refuse a move that takes too long before its samples are computed."""
     if not duration <= longest:
         raise TrajectoryError(
             f'limits: a move over {distance * 1e3:.4g} mm would take {duration:.4g} s; allowed {longest:g} s'
@@ -133,7 +133,7 @@ def _ruckig(limits, distance, sample_time, longest):
     try:
         ruckig.Ruckig(1, sample_time).calculate(task, plan)
     except ruckig.RuckigError as error:
-        reason = ' '.join(str(error).split())[:80]  # it goes on with all it was given
+        reason = ' '.join(str(error).split())[:80]  # the rest of the text repeats the input
         raise TrajectoryError(f'limits: no ruckig profile over {distance * 1e3:.4g} mm: {reason}') from None
     _check_duration(plan.duration, distance, longest)
     samples = round(plan.duration / sample_time)

@@ -38,7 +38,7 @@ class CycleRecords:
 
 
 def run_cycles(
-    machine, trajectory, control, law, cycles, seed, environment='nominal', start=None, laser=False, controller=None
+    machine, trajectory, gains, law, cycles, seed, environment='nominal', start=None, laser=False, controller=None
 ):
     """
     Run `cycles` cycles of a joint trajectory from power-up at the home position.
@@ -46,10 +46,10 @@ def run_cycles(
     Parameters
     ----------
     machine : Machine
-        What is simulated.
+        The simulated machine.
     trajectory : SampledTrajectory
         In joints, as `to_joints` returns it; N samples.
-    control : dict of str to RobustGains or TorqueGains
+    gains : dict of str to RobustGains or TorqueGains
         From `load_control` or `load_torque_control`.
     law : Law or None
         From `make_law`; None learns nothing.
@@ -75,7 +75,7 @@ def run_cycles(
 
     """
     plant = Plant(machine, seed, environment)
-    controller = make_controller(machine, control) if controller is None else controller
+    controller = make_controller(machine, gains) if controller is None else controller
     records = _empty_records(machine, cycles, trajectory, start)
     learning = None if law is None else _Learning(machine, law.with_reference(trajectory))
     watch = Laser(machine, seed, environment) if laser else None

@@ -19,17 +19,17 @@ class SimulatedCell:
     ----------
     machine : Machine
         The simulated machine.
-    control : dict of str to RobustGains
+    gains : dict of str to RobustGains
         From `load_control`.
     seed, environment : int, str
         Of the plant.
 
     """
 
-    def __init__(self, machine, control, seed, environment='nominal'):
+    def __init__(self, machine, gains, seed, environment='nominal'):
         self._machine = machine
         self._plant = Plant(machine, seed, environment)
-        self._controllers = make_controller(machine, control)
+        self._controllers = make_controller(machine, gains)
         self._cycle = 0
 
     def run(self, experiment):

@@ -1,15 +1,16 @@
 """
-Tables 7.1 and 8.1 in the thesis's own form: gains per sample and per count, beside the thesis's values.
+Tables 7.1 and 8.1 in the form of the thesis: gains per sample and per count, with the values of the thesis.
 
-u = KP e + KI SUM e + KD (e - e_previous), e in counts of the encoder, u in codes of the converter, then a lag filter of
-DC gain 10: 1 here is 5000 counts/mm * 10 V/32768 * 10 = 15.26 V/mm. That the converter has 16 bits over the drive's
-range is inferred (its volts per millimetre come out within a third). Feedforward likewise, in differences of qd.
+u = KP e + KI SUM e + KD (e - e_previous), e in encoder counts, u in codes of the converter, then a lag filter of DC
+gain 10: 1 here is 5000 counts/mm * 10 V/32768 * 10 = 15.26 V/mm. A converter of 16 bits over the range of the drive is
+an assumption (the resulting volts per millimetre agree within a third). Feedforward in the same form, from differences
+of the reference.
 """
 
 from pkm_core.control.robust import feedforward_gains
 
 _CODES = 2**15  # of the converter from zero to its limit
-_DC_GAIN = 10.0  # of the thesis's lag filter
+_DC_GAIN = 10.0  # of the lag filter in the thesis
 
 ROWS = (
     *('KP', 'KI', 'KD', 'Kv', 'Ka', 'Kj'),
@@ -18,7 +19,7 @@ ROWS = (
     *('GM (dB)', 'PM (deg)', 'CLBW (Hz)', 'max abs(S) over CLBW'),
 )
 NUMBERS = {'planar': '7.1', 'four_dof': '8.1'}
-_PRINTED = {  # None: lost
+_PRINTED = {  # None: not legible
     'planar': {
         'd1': (1.4429, 0.0038175, 12.424, 4.562, 22.232, None, 10, 331, 825, 371, 200, 10, 8.64, 48.4, 75.91, 0.81),
         'd3': (0.48379, 0.000222, 6.5531, 9.8422, 10, None, 10, 302, 891, 438, 300, 23, 7.54, 57.5, 41.85, 0.86),
@@ -33,12 +34,12 @@ _PRINTED = {  # None: lost
 
 
 def printed_column(machine_name, joint):
-    """Return the thesis's values in the order of ROWS; all None if it has no such table."""
+    """Return the values of the thesis in the order of ROWS; all None if it has no such table."""
     return _PRINTED.get(machine_name, {}).get(joint, (None,) * len(ROWS))
 
 
 def table_markdown(machine_name, columns):
-    """Return the thesis's table of the machine with our values beside; `columns` is {joint: own_column}."""
+    """Return the table of the thesis for the machine together with our values; `columns` is {joint: own_column}."""
     number = NUMBERS.get(machine_name)
     title = f'Table {number}' if number else 'In the form of Table 7.1'
     lines = [f'{title}: gains per sample and per count; thesis and ours', '']
@@ -50,7 +51,7 @@ def table_markdown(machine_name, columns):
             theirs = printed_column(machine_name, joint)[row]
             cells += ['' if theirs is None else f'{theirs:g}', f'{column[row]:.4g}']
         lines.append('| ' + ' | '.join(cells) + ' |')
-    lines += ['', 'Ours: CLBW is where abs(S) reaches 1; max abs(S) is taken up to the CLBW that was wanted.']
+    lines += ['', 'Ours: CLBW is the frequency at which abs(S) reaches 1; max abs(S) is up to the target CLBW.']
     return '\n'.join(lines) + '\n'
 
 
@@ -58,8 +59,8 @@ def own_column(machine, gains, model, margins, band_sensitivity):
     """
     Return the values of one joint in the order of ROWS.
 
-    CLBW is where |S| reaches 1 (7.29); `band_sensitivity` is the largest |S| up to the CLBW that was wanted, for up to
-    the CLBW itself it is 1 by definition.
+    CLBW is the frequency at which |S| reaches 1 (7.29); `band_sensitivity` is the largest |S| up to the target CLBW
+    (up to the CLBW itself it is 1 by definition).
     """
     ts = machine.sample_time
     unit = machine.voltage_limit / _CODES / machine.encoder_resolution * _DC_GAIN / gains.lag.dc_gain  # V/m

@@ -1,11 +1,11 @@
-"""What the thesis reports for its own machines, to stand beside ours: Tables 7.2, 7.3, 8.2 and 8.3."""
+"""Results of the thesis for comparison with ours: Tables 7.2, 7.3, 8.2 and 8.3."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class ReportedTable:
-    """A table of the thesis: quantity and axis to one value a column; None where the cell is lost or cannot be told."""
+    """A table of the thesis: one value per column for each quantity and axis; None if the cell is not legible."""
 
     title: str
     columns: tuple[str, ...]
@@ -22,7 +22,7 @@ JOINT_SPACE = {
         {
             'max_dynamic_error_um': {'d1': (136.4, 13.4, 4.4), 'd3': (84.4, 14.0, 9.4)},
             'settling_5um_ms': {'d1': (36.5, 2.0, None), 'd3': (9.5, None, None)},
-            # -1.5, -0.2, -1.0, -1.0 survive; nobody can say where they stood
+            # -1.5, -0.2, -1.0, -1.0 are legible; their cells are unknown
             'steady_state_error_um': {'d1': (None, None, None), 'd3': (None, None, None)},
         },
     ),
@@ -42,7 +42,7 @@ JOINT_SPACE = {
                 'd5': (34.0, 8.0, None),
                 'd7': (34.0, 3.0, None),
             },
-            # eleven values survive in this order; the lost one, a zero, most likely stood where None stands
+            # eleven values are legible in this order; the missing one, a zero, most likely belongs to the None
             'steady_state_error_um': {
                 'd1': (-1.6, -2.4, -0.6),
                 'd3': (-1.0, 0.2, 0.8),
@@ -53,7 +53,7 @@ JOINT_SPACE = {
     ),
 }
 
-# by machine; laser, phi as the displacement it makes. Zeros of settling are told in the prose.
+# by machine; laser, phi as the displacement it causes. The zeros of settling are from the text of the thesis.
 END_POINT = {
     'xy_stage': ReportedTable(
         'Table 7.3',

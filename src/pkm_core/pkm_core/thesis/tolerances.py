@@ -1,4 +1,4 @@
-"""What the thesis prints in chapter 4 and Table 7.5, to stand beside ours; None where its cell is lost."""
+"""Values of chapter 4 and Table 7.5 of the thesis for comparison with ours; None if a cell is not legible."""
 
 # Table 7.5: workspace [mm] along x and y
 WORKSPACE_BOX = {'planar': (40.0, 21.0), 'xy_stage': (40.0, 40.0)}

@@ -1,4 +1,4 @@
-"""What `pkm tune` is asked for: targets, limits, where and how far to search; files of config/tuning."""
+"""Models of config/tuning: targets, limits, search range and search size of `pkm tune`."""
 
 from typing import Annotated
 
@@ -9,7 +9,7 @@ from pkm_core.control.filters import Decibel
 
 
 class Targets(Config):
-    """What (7.30) wants."""
+    """Targets of the objective (7.30)."""
 
     gain_margin: Annotated[Decibel, Field(gt=0)]
     phase_margin: Annotated[Angle, Field(gt=0)]
@@ -17,7 +17,7 @@ class Targets(Config):
 
 
 class LoopLimits(Config):
-    """What a loop must keep."""
+    """Limits that a loop must satisfy."""
 
     gain_margin: Annotated[Decibel, Field(gt=0)]
     phase_margin: Annotated[Angle, Field(gt=0)]
@@ -26,7 +26,7 @@ class LoopLimits(Config):
 
 
 class AllLimits(Config):
-    """Limits of the model and of the perturbed models."""
+    """Limits for the model and for the perturbed models."""
 
     nominal: LoopLimits
     perturbed: LoopLimits
@@ -38,7 +38,7 @@ def _range(kind):
 
 
 class Bounds(Config):
-    """Range of every parameter; the search is even in its logarithm."""
+    """Search range of every parameter; candidates are uniform in its logarithm."""
 
     speed_crossover: _range(Frequency)
     derivative_zero: _range(Frequency)
@@ -54,7 +54,7 @@ class Bounds(Config):
     def _are_in_order(self):
         for name, (low, high) in self:
             if not low < high:
-                raise ValueError(f'{name}: expected the lower bound first')
+                raise ValueError(f'{name}: {low:g} to {high:g} given; expected the lower bound first')
         return self
 
 
@@ -67,7 +67,7 @@ class Search(Config):
 
 
 class TuningConfig(Config):
-    """File of config/tuning."""
+    """Configuration of `pkm tune`."""
 
     targets: Targets
     limits: AllLimits

@@ -1,7 +1,7 @@
 """
-All figures a design is judged by, of its model and the worst over the perturbed models, in a fraction of a millisecond.
+All figures of a design, of its model and the worst over the perturbed models, in a fraction of a millisecond.
 
-The responses of the plants are computed once an axis; a candidate law costs its own response and one pass over each
+The responses of the plants are computed once per axis. A candidate costs its own response and one pass over each
 Nyquist curve.
 """
 
@@ -25,8 +25,8 @@ def _evaluate(frequency, controller, plants, spread, start_angle, mode_index, ba
     """
     Write the COLUMNS of one candidate into `out`.
 
-    `controller` (m,) [V/m] and `plants` (p, m) [m/V] are responses at `frequency` (m,) [Hz], the model's own plant
-    first; `spread` (g,) are the factors of the gain, 1 first; `weight` (m,) turns |P S|^2 into the squared D.
+    `controller` (m,) [V/m] and `plants` (p, m) [m/V] are responses at `frequency` (m,) [Hz], that of the model first;
+    `spread` (g,) are the factors of the gain, 1 first; `weight` (m,) converts |P S|^2 to the squared D.
     """
     figures, n = np.empty(_NOMINAL), _NOMINAL
     out[n + 3], out[n + 4], out[n + 5], out[n + 6], out[n + 7] = np.inf, np.inf, 0.0, 0.0, 0.0
@@ -54,7 +54,7 @@ def _evaluate(frequency, controller, plants, spread, start_angle, mode_index, ba
 
 class AxisFigures:
     """
-    Judge of the loops of one axis.
+    Evaluation of the loops of one axis.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ class AxisFigures:
     sample_time : float
         Ts [s].
     bandwidth : float
-        The wanted CLBW [Hz]: 'band_sensitivity' is the largest |S| up to there.
+        Target CLBW [Hz]; 'band_sensitivity' is the largest |S| up to it.
     resonances_from : float
-        'resonance_peak' is the largest |L| from there on [Hz].
+        'resonance_peak' is the largest |L| from this frequency on [Hz].
 
     """
 
@@ -77,11 +77,11 @@ class AxisFigures:
         self._weight = np.gradient(frequency) * (wanted**2.5 / model.gain / w) ** 2
         self._mode_index = int(np.searchsorted(frequency, resonances_from))
         self._band_index = int(np.searchsorted(frequency, bandwidth, side='right'))
-        # poles of L at z = 1: position, integral, and without viscosity the speed too
+        # poles of L at z = 1: position, integral and, without viscosity, speed
         self._start_angle = -0.5 * np.pi * (2 + (model.viscosity == 0))
 
     def __call__(self, law):
-        """Return the COLUMNS (n,) of a `PidLaw` that integrates."""
+        """Return the COLUMNS (n,) of a `PidLaw` with integral action."""
         figures = np.empty(len(COLUMNS))
         _evaluate(
             self._frequency, law.response(self._z, self._sample_time), self._plants, np.array(GAIN_SPREAD),
@@ -91,7 +91,7 @@ class AxisFigures:
 
 
 def _search_grid(model, sample_time):
-    """Return steps of 2 %, and of a twelfth of its width around where a mode may lie [Hz]."""
+    """Return frequencies [Hz] in steps of 2 %, and of 1/12 of its width in the range of each mode."""
     modes = [
         np.arange(0.87 * mode.resonance, 1.07 * mode.resonance, 2 * mode.resonance_damping * mode.resonance / 12)
         for mode in model.modes
@@ -108,9 +108,9 @@ def by_name(figures):
 
 def violations(figures, limits, *, peaks=True, guard=0.0):
     """
-    Return how far (m, k) `figures` (m, COLUMNS) are beyond `AllLimits` less a share `guard`; allowed up to 0.
+    Return the relative violations (m, k) of `AllLimits` by `figures` (m, COLUMNS); allowed up to 0.
 
-    `peaks` says whether the resonance peaks count.
+    The limits are tightened by the share `guard`. `peaks`: whether the limits of the resonance peaks are included.
     """
     f = by_name(figures)
     columns = [f['unstable']]

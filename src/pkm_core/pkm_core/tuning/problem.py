@@ -1,12 +1,12 @@
 """
-What is searched for when a robust controller is tuned: candidates, objective (7.30) and limits.
+The optimisation problem of tuning a robust controller: candidates, objective (7.30) and limits.
 
-    J = DGM + DPM + DCLBW + max|S| up to the wanted CLBW + D
+    J = DGM + DPM + DCLBW + max|S| up to the target CLBW + D
 
-D of a margin is how far it falls short of its target, as a share of it. Kv, Ka, Kj do not enter: they follow from the
-model. (7.30) has no term for what a constant force does, and its search then drives KI and KP down; the last D is the
-rms position after a step of force, D = (w^2.5/K) sqrt(INT |P S/jw|^2 df) with w the wanted CLBW, made free of units.
-Margins and resonance peaks are limits, of the model and of every perturbed model.
+DGM, DPM and DCLBW are the shortfalls from the targets, relative to the targets. Kv, Ka, Kj are not searched: they
+follow from the model. (7.30) has no term for a constant force, and its search then decreases KI and KP. The last term D
+is the rms position after a step of force, D = (w^2.5/K) sqrt(INT |P S/jw|^2 df) with w the target CLBW, dimensionless.
+Margins and resonance peaks are limits, for the model and for every perturbed model.
 """
 
 import numpy as np
@@ -15,12 +15,12 @@ from pkm_core.control.filters import Lag, Notch
 from pkm_core.control.robust import RobustGains
 from pkm_core.tuning.evaluation import AxisFigures, by_name, violations
 
-_GUARD = 0.005  # share by which the search keeps away from its limits: its grid is coarser than that of the margins
+_GUARD = 0.005  # share by which the limits of the search are tightened: its grid is coarser than that of the margins
 
 
 class TuningProblem:
     """
-    One axis to tune: candidates are points u of the unit cube, even in the logarithm of `Bounds`.
+    Tuning of one axis: candidates are points u of the unit cube, uniform in the logarithm of `Bounds`.
 
     Parameters
     ----------
@@ -71,5 +71,5 @@ class TuningProblem:
         return shortfall + f['band_sensitivity'] + f['disturbance']
 
     def violations(self, figures):
-        """Return how far (m, 9) `figures` (m, COLUMNS) are beyond the limits; allowed up to 0."""
+        """Return the relative violations (m, 9) of the limits by `figures` (m, COLUMNS); allowed up to 0."""
         return violations(figures, self.config.limits, guard=_GUARD)

@@ -1,4 +1,4 @@
-"""The outcome of a search: one design a joint, judged again on the fine grid, as a file `load_control` reads."""
+"""Result of a search: one design per joint, evaluated again on the fine grid, as a file for `load_control`."""
 
 import numpy as np
 
@@ -8,17 +8,17 @@ from pkm_core.control.robust import RobustGains
 from pkm_core.errors import PkmError
 
 _DIGITS = 6  # of every value in the file
-_FINALISTS = 200  # candidates that may fail on the fine grid before the search counts as failed
+_FINALISTS = 200  # candidates evaluated on the fine grid before the search fails
 
 
 def recommended(problem, branches):
     """
-    Return (gains, Margins, worst Margins) of the least J among all candidates of one joint that keep every limit.
+    Return (gains, Margins, worst Margins) of the candidate of one joint with the least J that satisfies all limits.
 
     Raises
     ------
     PkmError
-        If none does; the least violation is named.
+        If there is none; the message has the least violation.
 
     """
     points = np.concatenate([branch.points for branch in branches])
@@ -33,8 +33,8 @@ def recommended(problem, branches):
         if _keeps(margins, limits.nominal) and _keeps(worst, limits.perturbed):
             return gains, margins, worst
     raise PkmError(
-        f'{branches[0].joint}: none of {len(points)} candidates keeps all limits; the nearest is '
-        f'{100 * violation.min():.1f} % beyond one'
+        f'{branches[0].joint}: none of {len(points)} candidates satisfies all limits; least violation '
+        f'{100 * violation.min():.1f} %'
     )
 
 
@@ -63,7 +63,7 @@ def _rounded(gains):
 
 
 def control_yaml(machine_name, designs, origin):
-    """Return the text of a config/control file; `designs` is {joint: what `recommended` returns}, `origin` one line."""
+    """Return the text of a config/control file; `designs` is {joint: result of `recommended`}, `origin` one line."""
     lines = [f'# Feedback of {machine_name}: {origin}', 'joints:']
     for joint, (gains, margins, worst) in designs.items():
         lag, notch = gains.lag, gains.notch

@@ -1,11 +1,11 @@
 """
-The genetic algorithm of the tuning: pymoo's GA, cut into pure pieces that any executor may run anywhere.
+The genetic algorithm of the tuning: pymoo's GA, divided into pure functions that any executor can run.
 
-A piece takes a population and returns it some generations later. Generation g of a branch draws its random numbers from
-the seed (seed, joint, restart, g), so the outcome depends neither on how many processes work nor on where a search was
-interrupted. Children come from a differential crossover: with simulated binary crossover, pymoo's default, searches of
-the same axis ended 5 to 10 % apart, for the parameters of a loop can only be changed together. It is written out here,
-because pymoo's own (DEX of 0.6.2) repairs children outside the bounds without the seed.
+One call takes a population and returns it some generations later. Generation g of a branch draws its random numbers
+from the seed (seed, joint, restart, g). The result depends neither on the number of processes nor on interruptions.
+Children come from a differential crossover: with simulated binary crossover, pymoo's default, searches of the same axis
+ended 5 to 10 % apart, because good changes of a loop change several parameters together. The crossover is implemented
+here, because pymoo's own (DEX of 0.6.2) repairs children outside the bounds without the seed.
 """
 
 import json
@@ -27,17 +27,17 @@ SAVE_EVERY = 2.0  # s, wall
 
 @dataclass
 class Branch:
-    """One search for one joint, from the beginning: every candidate in the order of its birth."""
+    """One search for one joint: every candidate so far, in order."""
 
     joint: str
     restart: int
     points: np.ndarray  # (m, 9) in the unit cube
     figures: np.ndarray  # (m, COLUMNS)
-    population: np.ndarray  # rows of the candidates who live, best first
+    population: np.ndarray  # rows of the present population, best first
     generations: int  # done
 
     def grow(self, points, figures, population, generations):
-        """Take in what `advance` returned after `generations`."""
+        """Add the result of `advance` over `generations`."""
         rows = np.concatenate([self.population, np.arange(len(points)) + len(self.points)])
         self.population = rows[population]
         self.points, self.figures = np.vstack([self.points, points]), np.vstack([self.figures, figures])
@@ -46,25 +46,25 @@ class Branch:
 
 def advance(problem, points, figures, seed, generations):
     """
-    Return the population some generations later and all who were born on the way.
+    Return the population after some generations and all children of these generations.
 
     Parameters
     ----------
     problem : TuningProblem
-        What is searched.
+        The optimisation problem.
     points, figures : ndarray, shapes (m, 9), (m, COLUMNS)
-        The population; without rows at the beginning.
+        The population; no rows at the start.
     seed : sequence of int
-        Of this branch.
+        Seed of this branch.
     generations : range
         Numbers of the generations to run.
 
     Returns
     -------
     points, figures : ndarray
-        Of the children, in the order of their birth.
+        Of the children, in order.
     population : ndarray of int, shape (n,)
-        Who survived, best first: rows of the old population and the children one after the other.
+        The survivors, best first: row numbers in the old population followed by the children.
 
     """
     from pymoo.algorithms.soo.nonconvex.ga import GA
@@ -111,7 +111,7 @@ def advance(problem, points, figures, seed, generations):
 
 
 def new_branches(problems):
-    """Return the branches of a new search: `restarts` for each joint."""
+    """Return the branches of a new search: `restarts` per joint."""
     return [
         Branch(joint, restart, np.empty((0, problem.parameters)), np.empty((0, len(COLUMNS))), np.empty(0, np.int64), 0)
         for joint, problem in problems.items()
@@ -121,7 +121,7 @@ def new_branches(problems):
 
 def run_search(problems, branches, seed, executor, *, save, on_progress):
     """
-    Bring all `branches` to the configured generations, in place.
+    Advance all `branches` to the configured generations, in place.
 
     Parameters
     ----------
@@ -134,9 +134,9 @@ def run_search(problems, branches, seed, executor, *, save, on_progress):
     executor : concurrent.futures.Executor
         Of threads, processes, or of a dask client (``client.get_executor()``).
     save : callable
-        ``save(branches)``, called now and then and at the end, also of an interrupted search.
+        ``save(branches)``, called every 2 s and at the end, also when the search is interrupted.
     on_progress : callable
-        ``on_progress(branches)`` after every piece.
+        ``on_progress(branches)``, called every `PIECE` generations of a branch.
 
     """
     pending, saved = {}, time.monotonic()
@@ -169,7 +169,7 @@ def run_search(problems, branches, seed, executor, *, save, on_progress):
 
 
 def write_branches(path, branches, identity):
-    """Write `branches` with what identifies their search (a dict JSON can hold) to the .npz `path`, as a whole."""
+    """Write `branches` and the `identity` of their search (a JSON-compatible dict) to the .npz `path`, atomically."""
     arrays = {'identity': np.array(json.dumps(identity)), 'columns': np.array(COLUMNS)}
     for branch in branches:
         key = f'{branch.joint}/{branch.restart}'
@@ -177,12 +177,12 @@ def write_branches(path, branches, identity):
         arrays[f'{key}/population'], arrays[f'{key}/generations'] = branch.population, np.array(branch.generations)
     partial = Path(f'{path}.partial')
     with partial.open('wb') as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]  # no array is called allow_pickle
-    os.replace(partial, path)  # an interrupted write leaves the old file
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # no array has the name allow_pickle
+    os.replace(partial, path)  # an interrupted write keeps the old file
 
 
 def read_branches(path, problems, identity):
-    """Return the branches in the .npz `path`; `PkmError` unless it is of the search that `identity` describes."""
+    """Return the branches in the .npz `path`; `PkmError` unless its search has the same `identity`."""
     try:
         with np.load(path, allow_pickle=False) as file:
             stored = {name: file[name] for name in file.files}
@@ -190,11 +190,11 @@ def read_branches(path, problems, identity):
         branches = new_branches(problems)
         for branch in branches:
             key = f'{branch.joint}/{branch.restart}'
-            if f'{key}/points' in stored:  # a restart more than the file knows begins anew
+            if f'{key}/points' in stored:  # a restart that the file does not have starts from generation 0
                 branch.points, branch.figures = stored[f'{key}/points'], stored[f'{key}/figures']
                 branch.population, branch.generations = stored[f'{key}/population'], int(stored[f'{key}/generations'])
     except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
-        raise PkmError(f'{path}: is no search of pkm tune: {error}') from None
+        raise PkmError(f'{path}: is not a search of pkm tune: {error}') from None
     for name in identity:
         if theirs.get(name) != identity[name]:
             raise PkmError(f'{path}: {name} is {theirs.get(name)!r}; this search has {identity[name]!r}')

@@ -1,9 +1,9 @@
 """
-How far the delay and the flexible modes let the natural frequency of computed torque go: why the thesis leaves it.
+Limits of the natural frequency of computed torque due to delay and flexible modes.
 
-To one axis, the others being cancelled, computed torque is a PID without filters on K/(s (s + a)) H. The 0.75 ms of
-computation and hold alone keep a rigid axis below some 40 Hz for the margins asked of the robust law; the modes, which
-no notch lowers here, take up to half of that.
+For one axis, with the others cancelled, computed torque is a PID without filters on K/(s (s + a)) H. With the margins
+required of the robust law, the 0.75 ms of computation and hold alone limit a rigid axis to about 40 Hz. The modes,
+which no notch attenuates here, reduce this by up to half. The thesis therefore continues with robust control.
 """
 
 import numpy as np
@@ -15,9 +15,9 @@ def scan(gains, model, sample_time, config, natural_frequencies):
     """
     Return the figures of the loop at each of `natural_frequencies` (m,) [Hz], {name: (m,)}.
 
-    Damping and integral are those of `gains`, a `TorqueGains`; `config` is a `TuningConfig` with the limits. Besides
-    `figures.COLUMNS` there are 'natural_frequency' and, as booleans, 'keeps_limits', 'keeps_margins' (all limits but
-    those of the resonance peaks), 'stable_perturbed' and 'stable'.
+    Damping and integral are those of `gains`, a `TorqueGains`; `config` is a `TuningConfig` with the limits. In
+    addition to `evaluation.COLUMNS` the result has 'natural_frequency' and the booleans 'keeps_limits', 'keeps_margins'
+    (all limits except those of the resonance peaks), 'stable_perturbed' and 'stable'.
     """
     judge = AxisFigures(
         model, sample_time, bandwidth=config.targets.bandwidth, resonances_from=config.limits.resonances_from
@@ -36,6 +36,6 @@ def scan(gains, model, sample_time, config, natural_frequencies):
 
 
 def limits_of(scanned):
-    """Return the highest natural frequency [Hz] of a `scan` at which each of its booleans holds; nan if none."""
+    """Return the highest natural frequency [Hz] of a `scan` at which each of its booleans is true; nan if none."""
     names = ('keeps_limits', 'keeps_margins', 'stable_perturbed', 'stable')
     return {name: float(np.max(scanned['natural_frequency'][scanned[name]], initial=0.0)) or np.nan for name in names}

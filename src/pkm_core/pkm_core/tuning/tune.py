@@ -1,4 +1,4 @@
-"""Tune the robust controllers of a machine: search, recommend, write the file the controllers load."""
+"""Tune the robust controllers of a machine: search, recommend, write a file of config/control."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ SEARCH_FILE = 'search.npz'
 
 @dataclass(frozen=True)
 class TunedAxis:
-    """What the search recommends for one joint."""
+    """Recommended gains of one joint."""
 
     gains: RobustGains
     model: AxisModel
@@ -28,21 +28,21 @@ class TunedAxis:
     worst: Margins  # over the perturbed models
     objective: float  # J
     candidates: int
-    column: tuple  # as thesis_tables.own_column
+    column: tuple  # as thesis.gains.own_column
 
 
 def tune(machine, config, seed, executor, folder, *, resume=None, on_progress=lambda branches: None):
     """
     Search gains for every joint of `machine`, write them as FOLDER/<machine>.yaml and return {joint: TunedAxis}.
 
-    FOLDER/search.npz holds every candidate with its figures (arrays JOINT/RESTART/points, .../figures, columns) and is
-    what an interrupted search goes on from: `resume` names one. The result depends on models, `config` and `seed` only.
+    FOLDER/search.npz has every candidate with its figures (arrays JOINT/RESTART/points, .../figures, columns). An
+    interrupted search continues from such a file, `resume`. The result depends on models, `config` and `seed` only.
 
     Raises
     ------
     PkmError
-        If the file to resume is of another search, FOLDER holds a search that is not resumed, or no candidate of a
-        joint keeps the limits.
+        If the file to resume is of another search, FOLDER has a search that is not resumed, or no candidate of a joint
+        satisfies the limits.
 
     """
     folder, models = Path(folder), load_model(machine)
@@ -55,7 +55,7 @@ def tune(machine, config, seed, executor, folder, *, resume=None, on_progress=la
         'config': _digest(config.model_dump(exclude={'search': {'generations', 'restarts'}})),
     }
     if resume is None and (folder / SEARCH_FILE).exists():
-        raise PkmError(f'{folder / SEARCH_FILE}: holds a search; resume it or name another folder')
+        raise PkmError(f'{folder / SEARCH_FILE}: has a search; resume it or name another folder')
     branches = read_branches(resume, problems, identity) if resume else new_branches(problems)
     folder.mkdir(parents=True, exist_ok=True)
     run_search(
@@ -72,9 +72,9 @@ def tune(machine, config, seed, executor, folder, *, resume=None, on_progress=la
         for joint, problem in problems.items()
     }
     path.write_text(control_yaml(machine.name, designs, f'pkm tune --machine {machine.name} --seed {seed}'), 'utf-8')
-    control = load_control(machine, str(path))
+    gains = load_control(machine, str(path))
     return {
-        joint: _summary(machine, control[joint], designs[joint], problems[joint], branches, joint)
+        joint: _summary(machine, gains[joint], designs[joint], problems[joint], branches, joint)
         for joint in machine.joints
     }
 
