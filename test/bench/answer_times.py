@@ -1,9 +1,9 @@
 """
-How long controllers take to answer a tick as the machine sees it, from its first encoder sample to the last command.
+Response time of the controllers to a tick, measured at the machine from its first encoder sample to the last command.
 
     .venv/bin/python test/bench/answer_times.py --arrangement processes --cycles 30
 
-On real drives the tick does not wait: an answer that takes longer than a sample time is late. The recorder runs.
+Real drives do not wait: a response later than one sample time is too late. The recorder runs.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from pkm_nodes.runtime.node import run
 
 
 class TimedMachine(MachineNode):
-    """The machine, with a watch."""
+    """The machine with time measurement."""
 
     def __init__(self):
         super().__init__()

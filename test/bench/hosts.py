@@ -1,12 +1,11 @@
 """
-A cell on two hosts: the machine on one, its controllers on the other, and a line between them that delays and loses.
+A cell on two hosts: the machine on one, its controllers on the other, with a line that delays and loses frames.
 
     sudo .venv/bin/python test/bench/hosts.py --json runs/hosts.json
 
-Hosts are network namespaces with a /dev/shm of their own, the line is a pair of veth cables, ROS finds itself through
-a discovery server on the machine's host. Delay and loss are those of `tc netem`; where the kernel has none, a program
-between the cables (wire.py) delays and loses frames. Whatever the line does, the bits must be those of the simulation
-without ROS.
+Hosts are network namespaces with their own /dev/shm; the line is a pair of veth cables. ROS uses a discovery server on
+the machine's host. Delay and loss are those of `tc netem`; on a kernel without netem, the program wire.py between the
+cables delays and drops frames. For every line the bits must be those of the simulation without ROS.
 """
 
 import argparse
@@ -39,7 +38,7 @@ DISCOVERY = f'{ADDRESSES["machine"]}:11811'
 
 @dataclass(frozen=True)
 class Line:
-    """What the line does to a frame, in both directions."""
+    """Delay and loss of the line, in both directions."""
 
     delay: float = 0.0  # [ms]
     jitter: float = 0.0  # [ms] standard deviation
@@ -54,7 +53,7 @@ LINES = (Line(), Line(delay=1.0), Line(delay=1.0, jitter=0.2, loss=0.1), Line(de
 
 
 def call(*command):
-    """Run a program; its failure is an error."""
+    """Run a program; raise an error if it fails."""
     return subprocess.run([str(word) for word in command], check=True, capture_output=True, text=True)
 
 
@@ -70,7 +69,7 @@ def program(*command, **options):
 
 
 class Host:
-    """A network and mount namespace, kept by a process that sleeps in it."""
+    """A network and mount namespace, held by a sleeping process."""
 
     def __init__(self, stack):
         keeper = 'mount -t tmpfs tmpfs /dev/shm && ip link set lo up && echo up && exec sleep infinity'
@@ -86,7 +85,7 @@ class Host:
 
 
 def connect(stack, line):
-    """Return the hosts 'machine' and 'control', connected by `line`, and who makes it delay and lose."""
+    """Return the hosts 'machine' and 'control', connected by `line`, and the source of its delay and loss."""
     hosts, wire = {name: Host(stack) for name in ADDRESSES}, Host(stack)
     for name, host in hosts.items():
         call(
@@ -125,7 +124,7 @@ def connect(stack, line):
 
 
 def run_over(line, motion, cycles):
-    """Run learning cycles over `line`; return ticks/s, whether the bits are the simulation's, and who impairs."""
+    """Run learning cycles over `line`; return ticks/s, whether the bits match the simulation, and the impairment."""
     with ExitStack() as stack:
         hosts, by = connect(stack, line)
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -152,7 +151,7 @@ def run_over(line, motion, cycles):
 
 
 def drive(control, folder, motion, cycles):
-    """Start the cell from the machine's host and run the cycles; print what came of it as a line of JSON."""
+    """Start the cell from the machine's host and run the cycles; print the result as one line of JSON."""
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
 
@@ -178,7 +177,7 @@ def simulate(motion, cycles):
 
 
 def same_bits(records, simulated):
-    """Tell whether every reading, voltage and error is that of the simulation."""
+    """Return whether every reading, voltage and error equals that of the simulation."""
     return len(records) == len(simulated.counts) and all(
         np.array_equal(getattr(record, name), getattr(simulated, name)[number])
         for number, record in enumerate(records)

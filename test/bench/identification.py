@@ -1,14 +1,14 @@
 """
-Our identification against known software on the same data, one run: accuracy against the truth, and time.
+This identification compared with other software on the same data: accuracy against the truth, and time.
 
     .venv/bin/uv pip install --require-hashes -r requirements/bench.txt   # once, the set-up does not need it
     .venv/bin/python test/bench/identification.py --json runs/bench_identification.json
 
-The records are those of `pkm identify`: slow moves and sweeps of every axis in closed loop on the simulated machines,
-every imperfection on. identification_others.py says what the others are given. Anti-resonances outside the band of the
-sweep are counted apart. What a method does not find, or finds more than 100 % off, counts as 100 % wrong. A table gives
-the median and the worst error over all axes and seeds, the time of one thread without reading the data, and both as
-multiples of ours.
+The records are those of `pkm identify`: slow moves and sweeps of every axis in closed loop on the simulated machines
+with every imperfection. The input of the other methods is described in identification_others.py. Anti-resonances
+outside the band of the sweep are listed separately. A missing value, or an error over 100 %, counts as 100 %. A table
+has the median and the worst error over all axes and seeds, the time of one thread without reading the data, and both as
+multiples of this identification.
 """
 
 import argparse
@@ -50,7 +50,7 @@ MACHINES = ('planar', 'four_dof', 'xy_stage')
 
 
 class Axis:
-    """The data of one joint, what is known of it when a method begins, and what is true of it."""
+    """The data of one joint, its prior knowledge and its true values."""
 
     def __init__(self, machine, joint, seed, cell, models, control):
         model = models[joint]
@@ -66,7 +66,7 @@ class Axis:
         records = [cell.run(each) for each in sweeps(machine, joint, model, control[joint])]
         self.sweeps = [record.axis(machine, joint) for record in records]
         self.lines = LINES
-        self.factors = [  # of the other axes on the response, by design; for everybody
+        self.factors = [  # effect of the other axes on the response, by design; for all methods
             coupling_factor(machine, machine.joints.index(joint), record.excited_position(), LINES, models, control)
             for record in records
         ]
@@ -86,13 +86,13 @@ def _thrust_over_mass(machine, joint):
 
 
 def ours_low(axis):
-    """Return (K, a) by pkm_core with the modes its own fit to the sweeps has found."""
+    """Return (K, a) by pkm_core with the modes of its own fit to the sweeps."""
     fit = fit_low_frequency([axis.moves], axis.found)
     return fit.gain, fit.viscosity
 
 
 def ours_low_alone(axis):
-    """Return (K, a) by pkm_core from the moves alone, as the others."""
+    """Return (K, a) by pkm_core from the moves alone, as for the other methods."""
     fit = fit_low_frequency([axis.moves], axis.loop)
     return fit.gain, fit.viscosity
 
@@ -168,7 +168,7 @@ def measure(methods, axes, errors, nothing):
     """Return {method: {'errors': {kind: (values,) [%]}, 'milliseconds': median}}."""
     results = {}
     for name, method in methods.items():
-        quietly(method, axes[0])  # imports and first calls are nobody's time
+        quietly(method, axes[0])  # imports and first calls are not timed
         gathered, times = {}, []
         for axis in axes:
             began = time.thread_time()
@@ -181,7 +181,7 @@ def measure(methods, axes, errors, nothing):
 
 
 def show(console, title, results):
-    """Print one table: median and worst errors, times, and both over ours."""
+    """Print one table: median and worst errors, times, and both as multiples of this identification."""
     ours = results['pkm_core']
     kinds = list(ours['errors'])
     table = Table(title=f'{title}: error [%] median, worst', title_justify='left')
@@ -202,7 +202,7 @@ def show(console, title, results):
 
 
 def main():
-    """Print both tables, write all errors."""
+    """Print both tables and write all errors."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument('--seeds', type=int, nargs='+', default=[1, 2])
     options.add_argument('--json', type=Path)

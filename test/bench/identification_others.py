@@ -1,11 +1,11 @@
 """
-The same axis through known software: sippy-unipi, nfoursid and scipy.signal.csd, each given the best it can use.
+Identification of the same axis by other software: sippy-unipi, nfoursid and scipy.signal.csd, each with its best input.
 
-For K and a: speed instead of position, the voltage less the reaction of the other axes, and the sign of the motion as a
-second input, so that they too can tell friction; delayed by the known computation. For the modes subspace methods get
-voltage and position less reference of one sweep, which serves them better than all three put together, and the order
-that serves them best; their least damped poles in the band count. scipy.signal.csd gives responses, to which our own
-fit is then applied.
+For K and a the output is speed, not position. The inputs are the voltage less the reaction of the other axes, and the
+sign of the motion, which represents friction; both are delayed by the known computation. For the modes, subspace
+methods get voltage and position less reference of one sweep (more accurate than all three sweeps) and their best order;
+their least damped poles in the band are evaluated. scipy.signal.csd gives responses, to which the fit of this project
+is applied.
 """
 
 import warnings
@@ -19,7 +19,7 @@ from pkm_core.identification.frequency_fit import fit_high_frequency
 from pkm_core.identification.prediction import moving_stretches
 
 BAND = (80.0, 500.0)  # [Hz]
-WINDOW = 2048  # samples of Welch's segments: two periods of the sweep serve it best, one blurs, three scatter
+WINDOW = 2048  # [samples] of Welch's segments: two periods of the sweep are most accurate; one blurs, three scatter
 BLOCK_ROWS = 30  # of the subspace methods
 REFUSALS = (IdentificationError, ArithmeticError, ValueError, IndexError, np.linalg.LinAlgError)
 ORDERS = {
@@ -30,7 +30,7 @@ ORDERS = {
 
 
 def quietly(method, axis):
-    """Return what `method` finds of `axis`, or None if it refuses; no warnings."""
+    """Return the result of `method` for `axis`, or None on an error; warnings are suppressed."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
         try:
@@ -40,7 +40,7 @@ def quietly(method, axis):
 
 
 def sippy_low(method, *, moving):
-    """Return a function for (K, a) by a method of sippy-unipi, from the whole record or where the axis moves."""
+    """Return a function for (K, a) by a method of sippy-unipi, from the whole record or only its moves."""
 
     def run(axis):
         from sippy_unipi import system_identification
@@ -70,7 +70,7 @@ def nfoursid_low(axis):
 
 
 def _speeds(data, moving):
-    """Return speed (N,) and inputs (2, N) of the same instants."""
+    """Return speed (N,) and inputs (2, N) at the same times."""
     speed, direction = np.diff(data.position) / data.sample_time, np.sign(np.gradient(data.reference))
     rows = np.arange(data.computation, len(speed))
     if moving:
@@ -79,7 +79,7 @@ def _speeds(data, moving):
 
 
 def _continuous(pole, gain, sample_time):
-    """Return K and a of a held first-order lag with this pole and numerator."""
+    """Return K and a of a first-order lag with hold for this pole and numerator."""
     rate = -np.log(pole) / sample_time
     return gain * rate / (1 - pole), rate
 
@@ -94,7 +94,7 @@ def csd_response(*, instrument):
 
 
 def csd_high(*, instrument):
-    """Return a function for the modes by scipy.signal.csd and our fit."""
+    """Return a function for the modes by scipy.signal.csd and the fit of this project."""
 
     def run(axis):
         responses = [
@@ -153,7 +153,7 @@ def nfoursid_high(order):
 
 
 def _excited(data):
-    """Return voltage and position less reference, scaled to 1, while the axis is excited."""
+    """Return voltage and position less reference, scaled to 1, during the excitation."""
     active = np.flatnonzero(data.excitation)
     part = slice(active[0], active[-1])
     swing = (data.position - data.reference)[part]

@@ -1,11 +1,11 @@
 """
-How fast the simulated machine is, how its error falls with the step, and how MuJoCo does on the same closed chain.
+Speed of the simulated machine, its error by step size, and MuJoCo on the same closed chain.
 
-    .venv/bin/uv pip install --require-hashes -r requirements/bench.txt   # MuJoCo; once, the set-up does not need it
+    .venv/bin/uv pip install --require-hashes -r requirements/bench.txt   # MuJoCo; once, not part of the set-up
     .venv/bin/python test/bench/plant.py --json runs/bench_plant.json
 
-All subjects take turns within one run, so what else the computer does falls on all of them; times are those of the
-processor. Ratios are medians over the turns.
+All subjects take turns within one run, so other load of the computer affects all of them. Times are processor times.
+Ratios are medians over the turns.
 """
 
 import argparse
@@ -44,7 +44,7 @@ SUBSTEPS = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)  # of the configured one; the la
 
 
 def moving_plant(name, environment):
-    """Return a function that moves a plant to and fro for a second of its time."""
+    """Return a function that moves a plant back and forth for one simulated second."""
     plant = Plant(load_machine(name), 1, environment)
     ticks = round(1.0 / plant.machine.sample_time)
     sense = np.array([1.0, -1.0, 1.0, 0.8])[: len(plant.machine.joints)]
@@ -60,7 +60,7 @@ def moving_plant(name, environment):
 
 
 def repeated(function, times):
-    """Return a function that calls `function` that many times, so that one turn is long enough to be timed."""
+    """Return a function that calls `function` `times` times, to make a turn long enough for timing."""
 
     def repeat():
         for _ in range(times):
@@ -88,7 +88,7 @@ def take_turns(subjects):
 
 
 def convergence(machine, environment):
-    """Return {substep [s]: largest difference [m] of a joint from the finest} over 70 ms of case (i)(a)."""
+    """Return {substep [s]: largest difference [m] of a joint from the finest substep} over 70 ms of case (i)(a)."""
     volts = forces(machine) / machine.thrust_per_volt
     paths = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -110,7 +110,7 @@ def convergence(machine, environment):
 
 
 def mujoco_errors(machine, force, exact):
-    """Return {(integrator, substeps): largest error of a joint [m]}, each integrator until it is accurate enough."""
+    """Return {(integrator, substeps): largest error of a joint [m]}, with rising substeps up to ACCURACY."""
     errors = {}
     for integrator in INTEGRATORS:
         for substeps in MUJOCO_SUBSTEPS:

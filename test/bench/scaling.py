@@ -1,11 +1,11 @@
 """
-How the cost of a composed cell grows: with the number of cells on one computer, and with the servo rate.
+Cost of a composed cell by number of cells on one computer, and by servo rate.
 
     .venv/bin/python test/bench/scaling.py --figure docs/scaling.png --json runs/scaling.json
 
-Cells live in namespaces of one ROS domain, each a process of its own with its own client, and all of them run at once;
-a discovery server tells everybody only of what concerns him.
-The rate is the machine's sample time: the same motion in more ticks.
+Cells run at the same time in namespaces of one ROS domain, one process with its own client per cell. A discovery server
+limits discovery to the endpoints each process needs. The rate is set by the machine's sample time: the same motion has
+more ticks.
 """
 
 import argparse
@@ -32,7 +32,7 @@ _PORT = 11873  # of the discovery server
 
 
 class Worker:
-    """A cell in a namespace with its client, in processes of their own."""
+    """A cell in a namespace with its client, in separate processes."""
 
     def __init__(self, namespace, machine, control):
         self._process = subprocess.Popen(
@@ -43,12 +43,12 @@ class Worker:
         )
 
     def ask(self, cycles):
-        """Let the cell run."""
+        """Start cycles of the cell."""
         self._process.stdin.write(f'{cycles}\n')
         self._process.stdin.flush()
 
     def answer(self):
-        """Return what the cell says: the list of its cycles."""
+        """Return the reply of the cell: the list of its cycles."""
         line = self._process.stdout.readline()
         if not line:
             raise RuntimeError(f'a cell has ended with code {self._process.wait()}')
@@ -61,7 +61,7 @@ class Worker:
 
 
 def serve(namespace, machine, control):
-    """Be the client of a cell: run as many cycles as every line of the standard input says."""
+    """Act as the client of a cell: each line of the standard input is a number of cycles to run."""
     from pkm_core.machines import load_machine
     from pkm_core.motion.planning import default_motion
     from pkm_nodes.bench.cells import TimedClient
@@ -81,11 +81,11 @@ def serve(namespace, machine, control):
 
 
 def ticks_per_second(workers, cycles):
-    """Return the ticks of all cells per second while all of them run `cycles` cycles at once."""
+    """Return the ticks per second of all cells while all run `cycles` cycles at the same time."""
     for worker in workers:
         worker.ask(cycles)
     steps = [worker.answer() for worker in workers]
-    # from where all of them run to where the first one is done
+    # from the start of the last cell to the end of the first
     begin = max(cycles_of_cell[0]['started'] for cycles_of_cell in steps)
     end = min(cycles_of_cell[-1]['finished'] for cycles_of_cell in steps)
     ticks = sum(
@@ -97,7 +97,7 @@ def ticks_per_second(workers, cycles):
 
 
 def measure(machine, control, counts, turns, cycles):
-    """Return {cells: ticks/s of all of them}, the best of the turns, while the number of cells grows."""
+    """Return {number of cells: ticks/s of all cells}, the best of the turns."""
     speeds = {}
     with ExitStack() as stack:
         workers = []
@@ -113,7 +113,7 @@ def measure(machine, control, counts, turns, cycles):
 
 @contextmanager
 def discovery_server():
-    """Run a discovery server: without, every cell would learn of every endpoint of every other one."""
+    """Run a discovery server; without it every cell would discover every endpoint of every other cell."""
     command = [Path(sys.prefix) / 'bin' / 'fast-discovery-server', '-i', '0', '-l', '127.0.0.1', '-p', str(_PORT)]
     server = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     os.environ['ROS_DISCOVERY_SERVER'] = f'127.0.0.1:{_PORT}'
@@ -125,12 +125,12 @@ def discovery_server():
 
 
 def _overlap(cycle, begin, end):
-    """Return how many nanoseconds of a cycle are between `begin` and `end`."""
+    """Return the time [ns] of a cycle between `begin` and `end`."""
     return max(0, min(cycle['finished'], end) - max(cycle['started'], begin))
 
 
 def at(rate, folder):
-    """Return files of a machine like MACHINE with another servo rate [kHz], and of gains that its delay allows."""
+    """Return the files of a machine like MACHINE with another servo rate [kHz], and of gains for its delay."""
     text = (Configuration.of_environment().folder / 'machines' / f'{MACHINE}.yaml').read_text()
     line = next(line for line in text.splitlines() if line.startswith('sample_time:'))
     file = Path(folder) / f'{rate}_kHz' / f'{MACHINE}.yaml'
@@ -140,7 +140,7 @@ def at(rate, folder):
 
 
 def _softened(factor, file):
-    """Write the gains of MACHINE to `file`, for a loop slower by `factor` than the tuned one, and return it."""
+    """Write gains of MACHINE for a loop slower by `factor` than the tuned one to `file`, and return `file`."""
     gains = yaml.safe_load((Configuration.of_environment().folder / 'control' / f'{MACHINE}.yaml').read_text())
     for joint in gains['joints'].values():
         for name, power in (('kp', 1), ('ki', 2), ('kd', 1)):

@@ -1,4 +1,4 @@
-"""A cell on two hosts with a bad line between them; `hosts.py` is the bench itself, this is what must hold."""
+"""A cell on two hosts with a lossy line between them; `hosts.py` is the bench, this test the part that must hold."""
 
 import sys
 from contextlib import ExitStack
@@ -30,7 +30,8 @@ def may_make_hosts():
 
 
 @pytest.mark.usefixtures('may_make_hosts')
-def test_cell_on_two_hosts_gives_the_bits_of_the_simulation_over_a_line_that_delays_and_loses(tmp_path):
+def test_cell_on_two_hosts_gives_the_bits_of_the_simulation(tmp_path):
+    """The line between the hosts delays and loses frames."""
     motion = tmp_path / 'short.yaml'
     motion.write_text(SHORT_MOTION)
     outcome = run_over(Line(delay=0.5, jitter=0.1, loss=1.0), str(motion), cycles=2)

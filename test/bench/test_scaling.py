@@ -1,4 +1,4 @@
-"""The bench of growing cost, with as little as makes sense; the figures are not judged here."""
+"""The scaling bench with the smallest useful settings; its figures are not checked."""
 
 import sys
 from pathlib import Path
@@ -14,7 +14,7 @@ sys.path.append(str(Path(__file__).parent))
 from scaling import MACHINE, RATES, at, discovery_server, measure
 
 
-def test_rate_is_that_of_the_machine_file_and_nothing_else_differs(tmp_path):
+def test_machine_file_of_another_rate_differs_in_the_rate_only(tmp_path):
     fast, nominal = load_machine(at(8, tmp_path)[0]), load_machine(MACHINE)
     assert fast.sample_time == pytest.approx(125e-6)
     assert fast.name == nominal.name
@@ -22,7 +22,7 @@ def test_rate_is_that_of_the_machine_file_and_nothing_else_differs(tmp_path):
 
 
 @pytest.mark.parametrize('rate', RATES)
-def test_gains_are_such_that_every_controller_takes_them(rate, tmp_path):
+def test_gains_for_every_rate_have_the_required_margins(rate, tmp_path):
     machine, gains = at(rate, tmp_path)
     machine = load_machine(machine)
     models = load_model(machine)
@@ -35,7 +35,7 @@ def test_gains_are_such_that_every_controller_takes_them(rate, tmp_path):
 @pytest.mark.slow
 def test_two_cells_in_one_domain_run_at_once(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', '138')
-    monkeypatch.setenv('ROS_DISCOVERY_SERVER', '')  # set for good by the server's block
+    monkeypatch.setenv('ROS_DISCOVERY_SERVER', '')  # restored after the server's block has set it
     with discovery_server():
         speeds = measure(MACHINE, 'robust', [1, 2], turns=1, cycles=1)
     assert all(speed > 0 for speed in speeds.values())

@@ -1,11 +1,11 @@
 """
-Where the time of a composed tick goes, by py-spy.
+Profile of a composed tick by py-spy.
 
     .venv/bin/uv pip install --require-hashes -r requirements/bench.txt   # once
     .venv/bin/python test/bench/tick_profile.py --cycles 30 [--keep runs/profile.txt]
 
-py-spy looks at the running cell 200 times a second; every look that finds it in the flow of ticks counts for the first
-of the parts below that it is in. What happens between two cycles is left out.
+py-spy samples the running cell 200 times per second. A sample within the flow of ticks counts for the first matching
+part below. The time between two cycles is omitted.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from rich.table import Table
 from pkm_nodes.bench.subjects import Subject
 
 _LOOKS = 200  # 1/s
-# part: words of a frame, of which one is in the stack
+# part: texts of frames, of which one is in the stack
 PARTS = {
     'recorder: sort and write': ('RecorderNode', 'Sorter.', 'Cycles.', 'CycleRecording.'),
     'recorder: take': ('_Queues.empty',),
@@ -42,7 +42,7 @@ PARTS = {
 
 
 def cell_of(subject):
-    """Return the process of the cell that the process of `subject` has started."""
+    """Return the process of the cell started by the process of `subject`."""
     children = Path(f'/proc/{subject.pid}/task/{subject.pid}/children').read_text().split()
     return next(pid for pid in children if b'pkm_nodes/cell' in Path(f'/proc/{pid}/cmdline').read_bytes())
 

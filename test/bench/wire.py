@@ -2,8 +2,8 @@
 A line between two network interfaces that delays and loses frames, for kernels without netem.
 
 `wire.py relay '[delay ms, jitter ms, loss %]' ONE OTHER` forwards every frame between two interfaces of this network
-namespace. `wire.py plain eth` tells the far end of such an interface to send frames a program can forward: checksums
-computed, nothing bigger than the line takes.
+namespace. `wire.py plain eth` makes the far end of such an interface send frames that a program can forward: with
+checksums, and no larger than the MTU.
 """
 
 import ctypes
@@ -25,7 +25,7 @@ _ALL_PROTOCOLS = 3
 
 
 def plain(interface):
-    """Switch off what the kernel leaves to a network card."""
+    """Disable the offloads of a network card."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
         for offload in _OFFLOADS:
             value = ctypes.create_string_buffer(struct.pack('II', offload, 0))

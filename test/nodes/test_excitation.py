@@ -144,7 +144,7 @@ def test_excitation_of_the_wrong_length_is_refused(graph, cycle, volts):
     cycle.excite(1, volts[:-1])
     cycle.plan(1)
     refused = graph.next_event(CycleEvent.REFUSED, cycle=1)
-    assert refused.message == 'excitation of d3: 199 values; expected one a sample, 200'
+    assert refused.message == 'excitation of d3: 199 values; expected one per sample, 200'
 
 
 def test_inverse_kinematics_leaves_a_cycle_planned_in_joints_alone(graph, machine, joints):

@@ -466,7 +466,7 @@ def test_second_recorder_on_the_folder_is_refused(graph, tmp_path):
     graph.start(RecorderNode, folder=str(tmp_path))
 
 
-def test_folder_that_cannot_be_written_is_refused(graph, tmp_path):
+def test_unwritable_folder_is_refused(graph, tmp_path):
     (tmp_path / 'file').touch()
     folder = tmp_path / 'file' / 'bags'
     with pytest.raises(PkmError, match=f'{folder}: cannot be written: Not a directory'):

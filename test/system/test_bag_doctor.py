@@ -123,7 +123,7 @@ def test_doctor_says_what_is_saved_and_which_ticks_are_missing(killed, repaired)
 def test_second_repair_and_repair_of_a_whole_bag_change_nothing(killed, repaired, processes):
     again = processes.run(PKM, 'bag-doctor', killed.bag)
     assert again.returncode == 1
-    assert again.stderr == f'pkm: {repaired[0].path}: exists; nothing is overwritten\n'
+    assert again.stderr == f'pkm: {repaired[0].path}: exists and is not overwritten\n'
     whole = processes.run(PKM, 'bag-doctor', repaired[0].path)
     assert whole.returncode == 0
     assert 'is complete; nothing to repair' in whole.stdout
@@ -137,5 +137,5 @@ def test_what_is_no_bag_is_refused_in_one_line(processes, content):
         (folder / 'bag.mcap').write_text('this is no bag')
     done = processes.run(PKM, 'bag-doctor', folder)
     assert done.returncode == 1
-    assert 'is no bag of this cell' in done.stderr
+    assert 'not a bag of this cell' in done.stderr
     assert done.stderr.count('\n') == 1

@@ -142,7 +142,7 @@ def test_bag_is_not_played_into_a_running_cell(bag, processes, ear):
     ('options', 'complaint'),
     [
         (['nowhere'], 'nowhere: no such file or folder'),
-        (['empty'], 'is no bag of this cell: has 0 MCAP files'),
+        (['empty'], 'not a bag of this cell: has 0 MCAP files'),
         (['text.mcap'], 'cannot be read as a bag'),
     ],
 )

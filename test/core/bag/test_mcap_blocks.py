@@ -1,4 +1,4 @@
-"""Messages written in blocks give the file that mcap's own writer makes of them one by one."""
+"""Messages written in blocks give the same file as mcap's own writer message by message."""
 
 import io
 import sys
@@ -10,7 +10,7 @@ from pkm_core.bag.mcap_blocks import BlockWriter
 
 
 def written(writer_class, write):
-    """Return the file of a writer of `writer_class` that `write(writer, channels)` has filled."""
+    """Return the file of a writer of `writer_class`, filled by `write(writer, channels)`."""
     stream = io.BytesIO()
     writer = writer_class(stream, chunk_size=sys.maxsize, compression=CompressionType.ZSTD)
     writer.start(profile='ros2', library='test')
@@ -20,8 +20,8 @@ def written(writer_class, write):
     return stream.getvalue()
 
 
-def test_file_is_that_of_mcap_byte_for_byte():
-    """Three chunks; a channel comes again in one of them, times overlap and go back, and sizes change."""
+def test_file_equals_that_of_mcap_byte_for_byte():
+    """Three chunks; one has a channel twice, times overlap and decrease, and sizes change."""
     random = np.random.default_rng(1)
     blocks = [(0, 5, 44, 10), (1, 7, 44, 8), (0, 1, 1000, 15), None, (1, 300, 12, 2**40), None, (0, 2, 4, 0)]
     blocks = [

@@ -1,4 +1,4 @@
-"""Bags: what rosbag2 would write around the messages, and every message read back."""
+"""Bags: metadata in the format of rosbag2, and every message read back."""
 
 import json
 from os import urandom
@@ -16,7 +16,7 @@ from pkm_core.bag.writer import BagWriter
 from pkm_core.config import install_prefixes
 from pkm_core.errors import BagError
 
-# what YAML::convert<BagMetadata> and the converters below it write, in rosbag2_storage/yaml.hpp and qos.cpp of Jazzy
+# output of YAML::convert<BagMetadata> and its converters, rosbag2_storage/yaml.hpp and qos.cpp of Jazzy
 BAG_KEYS = (
     *('version', 'storage_identifier', 'duration', 'starting_time', 'message_count', 'topics_with_message_count'),
     *('compression_format', 'compression_mode', 'relative_file_paths', 'files', 'custom_data', 'ros_distro'),
@@ -24,7 +24,7 @@ BAG_KEYS = (
 TOPIC_KEYS = ('name', 'type', 'serialization_format', 'offered_qos_profiles', 'type_description_hash')
 FILE_KEYS = ('path', 'starting_time', 'duration', 'message_count')
 FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-# what rclpy 7.1 tells of a publisher of the cell by get_publishers_info_by_topic, in rosbag2's words
+# a publisher of the cell by get_publishers_info_by_topic of rclpy 7.1, in the terms of rosbag2
 QOS = {
     'history': 'unknown',
     'depth': 0,
@@ -42,7 +42,7 @@ def mcap_of(bag):
     return next(bag.glob('*.mcap'))
 
 
-def test_metadata_is_field_for_field_that_of_rosbag2(write_bag):
+def test_metadata_has_the_fields_of_rosbag2(write_bag):
     bag = write_bag(metadata={'motion': 'short', 'git_revision': '0123abc'})
     info = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     assert tuple(info) == BAG_KEYS
@@ -71,7 +71,7 @@ def test_metadata_is_field_for_field_that_of_rosbag2(write_bag):
     assert '&' not in (bag / 'metadata.yaml').read_text().replace('"', ''), 'no YAML aliases'
 
 
-def test_channels_and_metadata_records_are_those_of_rosbag2(write_bag):
+def test_channels_and_metadata_records_match_rosbag2(write_bag):
     bag = write_bag()
     with mcap_of(bag).open('rb') as stream:
         reader = make_reader(stream)
@@ -93,14 +93,14 @@ def test_channels_and_metadata_records_are_those_of_rosbag2(write_bag):
 
 
 @pytest.mark.parametrize('kind', ['pkm_interfaces/msg/SampledTrajectory', 'geometry_msgs/msg/PoseStamped'])
-def test_type_hash_is_the_one_rosidl_has_computed(kind):
+def test_type_hash_equals_that_of_rosidl(kind):
     package, _, name = kind.split('/')
     files = [prefix / 'share' / package / 'msg' / f'{name}.json' for prefix in install_prefixes()]
     hashes = json.loads(next(file for file in files if file.exists()).read_text())['type_hashes']
     assert typestore().hash_rihs01(kind) == next(h['hash_string'] for h in hashes if h['type_name'] == kind)
 
 
-def test_rosbags_and_mcap_read_what_was_written(write_bag, make_cycle):
+def test_rosbags_and_mcap_read_the_written_messages(write_bag, make_cycle):
     cycle = make_cycle()
     bag = write_bag(cycle)
     with AnyReader([bag]) as reader:
@@ -115,7 +115,7 @@ def test_rosbags_and_mcap_read_what_was_written(write_bag, make_cycle):
     assert [message.voltage for message in ours] == cycle.voltage[:, 1].tolist()
 
 
-def test_message_older_than_the_first_written_moves_the_start(tmp_path):
+def test_start_time_is_that_of_the_oldest_message(tmp_path):
     bag = BagWriter(tmp_path / 'bag', {'/a': 'std_msgs/msg/UInt32'}, {})
     data = bytes(typestore().serialize_cdr(typestore().types['std_msgs/msg/UInt32'](data=1), 'std_msgs/msg/UInt32'))
     for time in (70, 50, 60):
@@ -135,7 +135,7 @@ def test_topic_without_messages_is_read_as_an_empty_list(write_bag):
     ('text', 'complaint'),
     [('{', 'cannot be read as the metadata'), ('other: 1', 'rosbag2_bagfile_information'), ('[]', 'metadata')],
 )
-def test_metadata_file_that_is_none_is_refused(write_bag, text, complaint):
+def test_invalid_metadata_file_is_refused(write_bag, text, complaint):
     bag = write_bag()
     (bag / 'metadata.yaml').write_text(text)
     with pytest.raises(BagError, match=complaint) as refusal:
@@ -143,14 +143,15 @@ def test_metadata_file_that_is_none_is_refused(write_bag, text, complaint):
     assert '\n' not in str(refusal.value)
 
 
-def test_bag_that_exists_is_not_overwritten(write_bag):
+def test_existing_bag_is_not_overwritten(write_bag):
     bag = write_bag()
     with pytest.raises(FileExistsError):
         BagWriter(bag, {}, {})
     assert Path(bag).exists()
 
 
-def test_bag_that_is_split_has_files_that_rosbags_and_we_read_as_one(tmp_path):
+def test_split_bag_is_read_as_one(tmp_path):
+    """Both by `read_topics` and by rosbags."""
     kind = 'std_msgs/msg/UInt32'
     bag = BagWriter(tmp_path / 'bag', {'/a': kind, '/b': kind}, {'motion': 'none'})
     for number in range(30):
@@ -177,16 +178,16 @@ def test_bag_that_is_split_has_files_that_rosbags_and_we_read_as_one(tmp_path):
 def test_folder_with_files_of_several_bags_is_refused(write_bag):
     bag = write_bag()
     (bag / 'other.mcap').touch()
-    with pytest.raises(BagError, match=r'is no bag of this cell: has 2 MCAP files; expected 1, or NAME_0\.mcap'):
+    with pytest.raises(BagError, match=r'not a bag of this cell: has 2 MCAP files; expected 1, or NAME_0\.mcap'):
         list(raw_messages(bag))
 
 
-def test_bag_that_does_not_hold_what_was_written_is_refused_when_it_is_closed(tmp_path):
+def test_closing_a_bag_detects_data_damaged_on_disk(tmp_path):
     bag = BagWriter(tmp_path / 'bag', {'/a': 'std_msgs/msg/UInt32'}, {})
     for time in range(5000):
         bag.write('/a', urandom(200), time)
     file = mcap_of(bag.path)
-    with file.open('r+b') as stream:  # a disk that gives back something else
+    with file.open('r+b') as stream:  # a disk that returns other data
         stream.seek(file.stat().st_size // 2)
         stream.write(bytes(64))
     with pytest.raises(BagError, match=r'bag_0.mcap: '):

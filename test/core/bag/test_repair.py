@@ -1,4 +1,4 @@
-"""Bags whose recorder was killed or whose file was damaged: what is whole is saved, the rest is named."""
+"""Repair of bags whose recorder was killed or whose file was damaged: intact chunks saved, missing ticks reported."""
 
 import errno
 import io
@@ -40,14 +40,14 @@ def mcap_of(bag):
 
 
 def chunks_of(bag):
-    """Return (where its data ends, record) of every chunk of a whole bag."""
+    """Return (offset of its end, record) of every chunk of an intact bag."""
     with mcap_of(bag).open('rb') as stream:
         records = StreamReader(stream, emit_chunks=True).records
         return [(stream.tell(), record) for record in records if isinstance(record, Chunk)]
 
 
 def copy_of_killed(bag, size, folder):
-    """Return a copy of `bag` as a recorder leaves it that is killed when its file has `size` bytes."""
+    """Return a copy of `bag` as left by a recorder that was killed when its file had `size` bytes."""
     copy = folder / bag.name
     copy.mkdir(parents=True)
     (copy / mcap_of(bag).name).write_bytes(mcap_of(bag).read_bytes()[:size])
@@ -56,20 +56,20 @@ def copy_of_killed(bag, size, folder):
 
 @pytest.mark.parametrize('filling', ['os.urandom(498).hex()', '996 * "x"'])
 def test_killed_writer_loses_less_than_one_chunk(tmp_path, filling):
-    """The program kills itself without a word to its streams, whose buffers could hold all of what compresses well."""
+    """The program kills itself without flushing its streams, whose buffers could hold all well-compressed data."""
     end = f'for number in range(300): write(number, {filling})\nos.kill(os.getpid(), signal.SIGKILL)'
     done = subprocess.run([sys.executable, '-c', WRITER + end, tmp_path], timeout=60, check=False)
     assert done.returncode == -signal.SIGKILL
     result = repair(tmp_path / 'bag')
     saved = [int(message.data[:4]) for message in read_topics(result.path)['/text']]
-    assert saved == list(range(len(saved))), 'all but the last ones'
+    assert saved == list(range(len(saved))), 'all except the last'
     assert result.saved == {'/text': len(saved)}
     assert (300 - len(saved)) * 1000 < CHUNK_BYTES
-    assert result.lost_bytes == 0, 'what was handed to the system is whole'
+    assert result.lost_bytes == 0, 'chunks on disk are intact'
 
 
-def test_full_disk_costs_the_chunk_that_did_not_fit(tmp_path):
-    """The system lets no file of the program grow beyond 200 kB."""
+def test_full_disk_loses_only_the_last_chunk(tmp_path):
+    """The size of a file is limited to 200 kB."""
     end = """
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 try:
@@ -88,19 +88,19 @@ except OSError as error:
 
 
 @pytest.mark.parametrize('number', [3, -1])
-def test_truncated_bag_is_repaired_as_far_as_its_chunks_are_whole(write_bag, make_cycle, tmp_path, number):
-    """One byte is missing to the chunk `number`."""
+def test_truncated_bag_is_repaired_up_to_its_last_intact_chunk(write_bag, make_cycle, tmp_path, number):
+    """The last byte of chunk `number` is missing."""
     cycle = make_cycle()
     whole = write_bag(cycle, first_tick=1000, metadata={'motion': 'short', 'git_revision': '0123abc'})
     cut = copy_of_killed(whole, chunks_of(whole)[number][0] - 1, tmp_path / 'killed')
     before = mcap_of(cut).read_bytes()
 
-    with pytest.raises(BagError, match=r'has no metadata\.yaml, as when its recorder was killed; try: pkm bag-doctor'):
+    with pytest.raises(BagError, match=r'has no metadata\.yaml \(the recorder was killed\); try: pkm bag-doctor'):
         read_cycle(cut)
     result = repair(cut)
 
     assert result.path == cut.with_name(f'{cut.name}_repaired')
-    assert mcap_of(cut).read_bytes() == before, 'the damaged bag stays as it is'
+    assert mcap_of(cut).read_bytes() == before, 'the damaged bag is not changed'
     record = read_cycle(result.path)
     saved = len(record.ticks)
     assert 0 < saved < 400
@@ -114,7 +114,7 @@ def test_truncated_bag_is_repaired_as_far_as_its_chunks_are_whole(write_bag, mak
     assert sum(result.saved.values()) == sum(1 for _ in raw_messages(result.path))
 
 
-def test_chunk_damaged_in_the_middle_costs_its_ticks_alone(write_bag):
+def test_damaged_chunk_loses_only_its_own_ticks(write_bag):
     bag = write_bag()
     chunks = chunks_of(bag)
     end, chunk = chunks[len(chunks) // 2]
@@ -133,7 +133,7 @@ def test_chunk_damaged_in_the_middle_costs_its_ticks_alone(write_bag):
         read_cycle(result.path)
 
 
-def test_cycle_that_ended_early_lacks_no_tick_after_its_end(start_recording):
+def test_cycle_that_ended_early_has_no_missing_ticks(start_recording):
     recording = start_recording()
     recording.ticks(200)
     recording.event(4, 200)  # FAULT
@@ -142,14 +142,14 @@ def test_cycle_that_ended_early_lacks_no_tick_after_its_end(start_recording):
     assert set(map(tuple, repair(bag).missing.values())) == {()}
 
 
-def test_whole_bag_is_left_alone(write_bag, tmp_path):
+def test_intact_bag_is_not_repaired(write_bag, tmp_path):
     bag = write_bag()
     assert repair(bag) is None
     assert [path.name for path in tmp_path.iterdir()] == [bag.name]
 
 
 @pytest.mark.parametrize('lost', [0, 1, 2000])
-def test_lost_metadata_and_end_of_the_summary_cost_nothing(write_bag, make_cycle, tmp_path, lost):
+def test_lost_metadata_and_summary_are_rebuilt(write_bag, make_cycle, tmp_path, lost):
     cycle = make_cycle()
     bag = write_bag(cycle)
     again = read_cycle(repair(copy_of_killed(bag, mcap_of(bag).stat().st_size - lost, tmp_path / 'killed')).path)
@@ -157,18 +157,18 @@ def test_lost_metadata_and_end_of_the_summary_cost_nothing(write_bag, make_cycle
     assert again.is_whole
 
 
-def test_file_alone_is_repaired_beside_itself(write_bag, tmp_path):
+def test_single_file_is_repaired_into_a_folder_next_to_it(write_bag, tmp_path):
     file = tmp_path / 'alone.mcap'
     shutil.copy(mcap_of(write_bag()), file)
     assert repair(file).path == tmp_path / 'alone_repaired'
 
 
-def test_repaired_bag_is_never_overwritten(write_bag):
+def test_repaired_bag_is_not_overwritten(write_bag):
     bag = write_bag()
     (bag / 'metadata.yaml').unlink()
     repaired = repair(bag).path
     content = mcap_of(repaired).read_bytes()
-    with pytest.raises(BagError, match='_repaired: exists; nothing is overwritten'):
+    with pytest.raises(BagError, match='_repaired: exists and is not overwritten'):
         repair(bag)
     assert mcap_of(repaired).read_bytes() == content
 
@@ -189,12 +189,12 @@ def foreign_bag(folder):
     [
         (lambda folder: None, 'has 0 MCAP files; expected 1'),
         (lambda folder: (folder / 'a.mcap').write_bytes(b''), "has no MCAP metadata record 'pkm'"),
-        (lambda folder: (folder / 'a.mcap').write_text('this is no bag'), "has no MCAP metadata record 'pkm'"),
-        (foreign_bag, "is no bag of this cell: has no MCAP metadata record 'pkm'"),
+        (lambda folder: (folder / 'a.mcap').write_text('not a bag'), "has no MCAP metadata record 'pkm'"),
+        (foreign_bag, "not a bag of this cell: has no MCAP metadata record 'pkm'"),
         (shutil.rmtree, 'no such file or folder'),
     ],
 )
-def test_what_is_no_bag_of_this_project_is_refused(tmp_path, content, complaint):
+def test_folder_without_a_bag_of_this_cell_is_refused(tmp_path, content, complaint):
     folder = tmp_path / 'bag'
     folder.mkdir()
     content(folder)
@@ -204,17 +204,18 @@ def test_what_is_no_bag_of_this_project_is_refused(tmp_path, content, complaint)
     assert [path.name for path in tmp_path.iterdir()] in (['bag'], [])
 
 
-def test_recorder_killed_before_its_first_chunk_leaves_nothing_to_save(start_recording, tmp_path):
+def test_bag_without_an_intact_chunk_is_refused(start_recording, tmp_path):
+    """The recorder was killed before its first chunk was complete."""
     recording = start_recording()
     with mcap_of(recording.bag.path).open('rb') as stream:
         next(record for record in StreamReader(stream, emit_chunks=True).records if isinstance(record, Chunk))
         size = stream.tell() - 1
-    with pytest.raises(BagError, match='holds no whole chunk'):
+    with pytest.raises(BagError, match='has no intact chunk'):
         repair(copy_of_killed(recording.bag.path, size, tmp_path / 'killed'))
 
 
-def test_any_damage_is_refused_in_one_line_or_changes_nothing(write_bag, make_cycle):
-    """Bits turn and ends are lost at random: never another error, never another value."""
+def test_random_damage_never_changes_a_value(write_bag, make_cycle):
+    """Random bit flips and truncations either raise a `BagError` of one line or leave all values read unchanged."""
     cycle = make_cycle()
     bag = write_bag(cycle)
     content, random = mcap_of(bag).read_bytes(), np.random.default_rng(1)
@@ -230,7 +231,7 @@ def test_any_damage_is_refused_in_one_line_or_changes_nothing(write_bag, make_cy
 
 
 def unless_refused(function, bag):
-    """Return what `function` makes of `bag`, or None if it refuses it in one line."""
+    """Return the result of `function` for `bag`, or None if it raises a `BagError` of one line."""
     try:
         return function(bag)
     except BagError as refusal:

@@ -27,7 +27,7 @@ def only(**kept):
     return type(TOLERANCES)(**spreads)
 
 
-def test_links_alone_spread_the_end_point_as_the_error_matrix_says():
+def test_budget_of_links_alone_follows_the_error_matrix():
     budget = linear_budget(FOUR_DOF, only(links={'normal': 1e-6}), Q)
     E = em_true(linkage(geometry_of(FOUR_DOF), FOUR_DOF.forward(Q)))
     rounding = 0.1e-6 / np.sqrt(3.0) * FOUR_DOF.jacobian(Q)
@@ -35,23 +35,23 @@ def test_links_alone_spread_the_end_point_as_the_error_matrix_says():
     np.testing.assert_allclose(budget.total(), expected, rtol=1e-6)
 
 
-def test_warm_scales_move_every_slider_in_proportion_to_its_position():
+def test_warm_scales_shift_sliders_in_proportion_to_position():
     budget = linear_budget(FOUR_DOF, only(scales_warm={'normal': 1.0}), Q)
     moved = np.einsum('pij,pj->pi', FOUR_DOF.jacobian(Q), 8e-6 * Q)
     scales = [source.name for source in budget.sources].index('scales warm')
     np.testing.assert_allclose(budget.deviations[scales], np.abs(moved), rtol=1e-6, atol=1e-12)
 
 
-def test_simulated_deviation_is_the_linear_one():
+def test_simulated_deviation_equals_the_linear_one():
     found = monte_carlo_budget(FOUR_DOF, TOLERANCES, Q, 10_000, seed=1)
     linear = linear_budget(FOUR_DOF, TOLERANCES, Q).total()
-    # 10 000 draws: 0.7 % of standard error, and 1 % of second order where the Jacobian is large
+    # 10 000 draws: standard error 0.7 %, second-order terms 1 % at a large Jacobian
     np.testing.assert_allclose(found.deviation, linear, rtol=0.035)
     assert (np.abs(found.mean) < 0.06 * linear).all()
     assert found.counts.sum(axis=0) == pytest.approx([10_000 * 16] * 4)
 
 
-def test_quantiles_at_one_pose_are_those_of_a_normal_distribution():
+def test_quantiles_at_one_pose_are_those_of_a_normal():
     found = monte_carlo_budget(FOUR_DOF, TOLERANCES, FOUR_DOF.home[np.newaxis], 40_000, seed=1)
     for share, size, error in ((0.5, 0.6745, 0.01), (0.95, 1.96, 0.03), (0.997, 2.968, 0.1)):  # three standard errors
         np.testing.assert_allclose(found.quantile(share) / found.deviation[0], size, atol=error)
@@ -66,13 +66,13 @@ def test_ranking_puts_link_lengths_first_and_shares_add_up():
     assert sizes == sorted(sizes, reverse=True)
 
 
-def test_planar_machine_has_a_budget_of_its_own():
+def test_planar_machine_has_a_budget():
     q = study_poses(PLANAR, 4, seed=1)
     assert {source.name for source in sources(PLANAR, TOLERANCES, q)} >= {'l2', 'l4', 'dy', 'd1', 'd3', 'psi_p'}
     assert linear_budget(PLANAR, TOLERANCES, q).total().shape == (4, 2)
 
 
-def test_same_seed_same_bits_and_more_machines_keep_the_first_blocks():
+def test_same_seed_gives_the_same_bits():
     first, again, other = (monte_carlo_budget(FOUR_DOF, TOLERANCES, Q, 3000, seed=seed) for seed in (5, 5, 6))
     for a, b in zip(first, again, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -90,12 +90,12 @@ def test_cluster_gives_the_same_bits():
         np.testing.assert_array_equal(a, b)
 
 
-def test_cluster_that_does_not_answer_is_refused_by_its_address():
+def test_invalid_cluster_address_is_refused():
     with pytest.raises(PkmError, match="dask scheduler 'nobody': missing port"):
         monte_carlo_budget(FOUR_DOF, TOLERANCES, Q, 10, seed=1, scheduler='nobody')
 
 
-def test_study_that_cannot_be_is_refused():
+def test_infeasible_study_is_refused():
     with pytest.raises(PkmError, match='links of a machine do not meet'):
         monte_carlo_budget(FOUR_DOF, only(links={'normal': 0.03}), Q, 1000, seed=1)
     with pytest.raises(PkmError, match='a xy_stage has no links'):
@@ -113,13 +113,17 @@ def test_uniform_spread_has_the_deviation_of_its_draws():
     ('old', 'new', 'message'),
     [
         ('links: {normal: 10 um}', 'links: {normal: -10 um}', 'links.normal'),
-        ('links: {normal: 10 um}', 'links: {normal: 10 um, uniform: 10 um}', 'give normal or uniform, one of them'),
+        (
+            'links: {normal: 10 um}',
+            'links: {normal: 10 um, uniform: 10 um}',
+            'expected exactly one of normal and uniform',
+        ),
         ('links: {normal: 10 um}', 'links: {normal: 10 K}', 'dimension'),
         ('stiffness: 100 N m/rad', 'stiffness: 0 N m/rad', 'belts.stiffness'),
         ('links: {normal: 10 um}', 'links: {normal: .inf um}', 'links.normal'),
     ],
 )
-def test_tolerances_that_make_no_sense_are_refused(old, new, message, tmp_path):
+def test_invalid_tolerances_are_refused(old, new, message, tmp_path):
     text = (Configuration.of_environment().folder / 'design' / 'tolerances.yaml').read_text()
     assert old in text
     path = tmp_path / 'mine.yaml'

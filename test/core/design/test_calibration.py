@@ -1,4 +1,4 @@
-"""Calibration: recovers a specimen within its own uncertainty, tells what it cannot know, files, refusals."""
+"""Calibration: recovers a specimen within the stated uncertainty; identifiability, files, refusals."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def first():
     return errors, calibrated(FOUR_DOF, used), held
 
 
-def test_estimates_scatter_about_the_truth_as_their_deviations_say():
+def test_stated_deviations_cover_the_errors_of_estimates():
     scores = []
     for seed in range(30):
         errors, seen = measured(FOUR_DOF, seed)
@@ -53,7 +53,7 @@ def test_estimates_scatter_about_the_truth_as_their_deviations_say():
 
 
 @pytest.mark.parametrize('machine', [FOUR_DOF, PLANAR], ids=lambda machine: machine.name)
-def test_calibrated_machine_errs_less_than_the_laser_resolves_on_poses_not_used(machine):
+def test_calibration_errors_on_held_out_poses_are_within_noise(machine):
     errors, seen = measured(machine, seed=2)
     used, held = seen.split()
     found = calibrated(machine, used)
@@ -74,7 +74,7 @@ def test_calibrated_machine_errs_less_than_the_laser_resolves_on_poses_not_used(
 
 
 def plant_specimen(seed):
-    """Return the assembly that the plant of `seed` is, and the measurements a laser makes of it at rest."""
+    """Return the assembly of the plant of `seed`, and laser measurements of it at rest."""
     truth, levels = load_truth(FOUR_DOF, 'nominal')
     specimen = assemble(FOUR_DOF, truth, levels, seed)
     q = study_poses(FOUR_DOF, 60, seed=3)
@@ -83,7 +83,7 @@ def plant_specimen(seed):
     return specimen, Measurements(q, step * np.round((pose - pose[0]) / step))
 
 
-def test_specimen_of_the_plant_is_calibrated_too():
+def test_specimen_of_the_plant_is_calibrated():
     specimen, seen = plant_specimen(3)
     used, held = seen.split()
     found = calibrated(FOUR_DOF, used)
@@ -94,38 +94,40 @@ def test_specimen_of_the_plant_is_calibrated_too():
         assert nominal + found.errors[link] == pytest.approx(length, abs=4.0 * found.deviations[link])
 
 
-def test_what_the_datum_hides_is_told_and_left_at_the_drawing(first):
+def test_undetermined_parameters_keep_the_drawing_values(first):
+    """The unknown datum hides three directions; they are reported."""
     _, found, _ = first
     hidden = [parts for value, parts in found.identifiability.hardly_known(share=0.1) if value < 1e-6]
     assert [set(parts) for parts in hidden if 'dz' in parts] == [{'dz'}]  # height of the end-effector
     assert len(hidden) == 3
-    # shifting both sliders of a guide is like shifting the other platform: only the end-effector's datum moves
+    # a shift of both sliders of a guide equals a shift of the other platform: only the datum of the end-effector moves
     assert {name for parts in hidden for name in parts} == {'dx', 'dy', 'dz', 'd1', 'd3', 'd5', 'd7'}
     assert found.errors['dz'] == pytest.approx(0.0, abs=1e-12)
     assert found.deviations['dz'] == pytest.approx(found.priors['dz'])
     assert found.deviations['l2'] < 0.5 * found.priors['l2']
 
 
-def test_inverse_of_the_calibrated_model_undoes_its_forward(first):
+def test_calibrated_inverse_kinematics_inverts_the_forward(first):
     _, found, _ = first
     q = study_poses(FOUR_DOF, 200, seed=4)
     np.testing.assert_allclose(found.machine.inverse(found.machine.forward(q)), q, atol=1e-13)
 
 
-def test_machine_file_holds_each_length_and_mark_and_keeps_the_rest(first, tmp_path):
+def test_calibrated_machine_file_keeps_the_drawing(first, tmp_path):
+    """The file has every calibrated length and mark; calibrating from it again gives the same file."""
     _, found, _ = first
     path = tmp_path / 'four_dof.yaml'
     write_calibrated_machine(path, 'four_dof', found, 'a test')
     again = load_machine(path)
     assert again.name == 'four_dof'
     assert again.drawing.config == FOUR_DOF.config
-    # a nanometre is written
+    # written to a nanometre
     for (name, value), (_, wanted) in zip(again.config.built, found.machine.config.built, strict=True):
         assert name == 'marks' or value == pytest.approx(wanted, abs=0.6e-9)
     assert dict(again.config.built.marks) == pytest.approx(dict(found.machine.config.built.marks), abs=0.6e-9)
     q = study_poses(FOUR_DOF, 50, seed=5)
     np.testing.assert_allclose(again.forward(q), found.machine.forward(q), rtol=0.0, atol=1e-7)  # rad; nanometres
-    # and once more from it
+    # written again from itself
     write_calibrated_machine(tmp_path / 'again.yaml', path, found, 'a test')
     assert (tmp_path / 'again.yaml').read_text() == path.read_text()
 
@@ -140,7 +142,7 @@ def test_machine_file_holds_each_length_and_mark_and_keeps_the_rest(first, tmp_p
         ('    d7: ', '    d7: 2  # ', r'built\.marks\.d7: 2 has no unit'),
     ],
 )
-def test_calibrated_machine_file_that_makes_no_sense_is_refused(first, old, new, message, tmp_path):
+def test_invalid_calibrated_machine_file_is_refused(first, old, new, message, tmp_path):
     path = tmp_path / 'four_dof.yaml'
     write_calibrated_machine(path, 'four_dof', first[1], 'a test')
     drawing, section = path.read_text().split('built:')
@@ -151,8 +153,8 @@ def test_calibrated_machine_file_that_makes_no_sense_is_refused(first, old, new,
     assert str(refused.value).startswith(str(path))
 
 
-def test_cell_of_a_calibrated_machine_puts_the_end_point_nearer(tmp_path):
-    """The specimen of the plant, measured, calibrated, written to a file; then commanded through that file."""
+def test_calibrated_machine_file_reduces_positioning_errors(tmp_path):
+    """The specimen of the plant is measured, calibrated, written to a file, and commanded with that file."""
     seed, path = 3, tmp_path / 'four_dof.yaml'
     used, _ = plant_specimen(seed)[1].split()
     write_calibrated_machine(path, 'four_dof', calibrated(FOUR_DOF, used), 'the plant')
@@ -160,7 +162,7 @@ def test_cell_of_a_calibrated_machine_puts_the_end_point_nearer(tmp_path):
     wanted = FOUR_DOF.forward(study_poses(FOUR_DOF, 200, seed=7))
 
     def off(machine):
-        specimen = Plant(machine, seed).truth.assembly  # the same one: only what is known of it differs
+        specimen = Plant(machine, seed).truth.assembly  # the same specimen for both machines
         reached = specimen.end_point(machine.inverse(wanted) - specimen.encoder_offset, np.zeros((200, 0))) - wanted
         return (reached - reached.mean(axis=0)).std(axis=0)
 
@@ -184,10 +186,10 @@ def test_measurements_file_round_trips(tmp_path):
         (2, '79.5,139.5,139.5,79.5,nan,0,0,0', r"line 3: x_um = 'nan'; expected a finite number"),
         (2, '79.5,139.5,139.5,79.5,0,0,0', 'line 3 has 7 cells; expected 8'),
         (2, '79.5,139.5,139.5,far,0,0,0,0', "d7_mm = 'far'"),
-        (2, '179.5,139.5,139.5,79.5,0,0,0,0', r'row 1: d1 = 179.5 mm; allowed 59.5 to 99.5 mm'),
+        (2, '179.5,139.5,139.5,79.5,0,0,0,0', r'heading: row 1: d1 = 179.5 mm; allowed 59.5 to 99.5 mm'),
     ],
 )
-def test_wrong_measurements_are_refused_by_line_and_cell(line, text, message, tmp_path):
+def test_invalid_measurements_are_refused_by_line_and_cell(line, text, message, tmp_path):
     _, seen = measured(FOUR_DOF, seed=5, poses=10)
     path = tmp_path / 'laser.csv'
     write_measurements(path, FOUR_DOF, seen)
@@ -200,19 +202,19 @@ def test_wrong_measurements_are_refused_by_line_and_cell(line, text, message, tm
         read_measurements(tmp_path / 'none.csv', FOUR_DOF)
 
 
-def test_too_few_or_broken_measurements_are_refused():
+def test_too_few_or_non_finite_measurements_are_refused():
     _, seen = measured(FOUR_DOF, seed=5, poses=10)
     few = Measurements(seen.q[:4], seen.displacement[:4])
-    with pytest.raises(PkmError, match='4 poses measured; 13 unknowns ask for at least 5'):
+    with pytest.raises(PkmError, match='4 poses measured; 13 unknowns need at least 5'):
         calibrated(FOUR_DOF, few)
     broken = Measurements(seen.q, np.where(np.arange(10)[:, np.newaxis] == 3, np.nan, seen.displacement))
     with pytest.raises(PkmError, match='a displacement is not finite'):
         calibrated(FOUR_DOF, broken)
 
 
-def test_misfit_tells_of_errors_the_model_lacks():
+def test_misfit_is_high_for_errors_outside_the_model():
     q = study_poses(FOUR_DOF, 60, seed=6)
-    # a guide bent by 20 um over its length is no length and no mark
+    # a guide bent by 20 um over its length, which no length or mark describes
     bent = end_point(FOUR_DOF, q, {'d1': 20e-6 * np.sin((q[:, 0] - 0.0595) / 0.04 * 2.0 * np.pi)})
     seen = Measurements(q, bent - bent[0])
     assert calibrated(FOUR_DOF, seen).misfit > 3.0

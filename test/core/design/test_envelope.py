@@ -25,15 +25,15 @@ def accepted(point, phi):
     return True
 
 
-def test_every_pose_of_the_travel_lies_in_its_orientation_range():
+def test_poses_of_the_travel_lie_in_the_orientation_range():
     poses = sample_poses(FOUR_DOF, 20_000, seed=2)
     at = orientation_range(FOUR_DOF, poses[:, :3])
-    slack = 1e-7  # rad; ROUNDING of a slider where phi turns fast
+    slack = 1e-7  # [rad] effect of ROUNDING at high sensitivity of phi
     assert (at.lowest <= poses[:, 3] + slack).all()
     assert (at.highest >= poses[:, 3] - slack).all()
 
 
-def test_reached_orientations_are_those_the_inverse_kinematics_accepts():
+def test_reached_orientations_agree_with_inverse_kinematics():
     scan, at = np.radians(np.linspace(-89.0, -1.0, 89)), points(100)
     brute = np.array([[accepted(point, phi) for phi in scan] for point in at])
     np.testing.assert_array_equal(np.stack([reached_with(FOUR_DOF, at, phi, phi) for phi in scan], axis=1), brute)
@@ -43,7 +43,7 @@ def test_reached_orientations_are_those_the_inverse_kinematics_accepts():
     np.testing.assert_array_equal((brute ^ within).any(axis=1) & (found.gap == 0.0), False)
 
 
-def test_gap_is_the_part_of_a_range_that_is_not_reached():
+def test_gap_is_the_unreachable_part_of_a_range():
     poses = sample_poses(FOUR_DOF, 20_000, seed=2)[:, :3]
     at = orientation_range(FOUR_DOF, poses)
     split = int(np.nanargmax(at.gap))
@@ -55,8 +55,9 @@ def test_gap_is_the_part_of_a_range_that_is_not_reached():
     assert not reached_with(FOUR_DOF, poses[split], at.lowest[split], at.highest[split])
 
 
-def test_orientations_over_all_positions_are_the_integral_of_the_jacobian():
-    # the same volume of poses [m^3 rad] from the inverse side and, by the substitution rule, from the forward side
+def test_volume_of_poses_is_the_integral_of_the_jacobian():
+    """The volume [m^3 rad] from the orientation ranges equals that from the forward kinematics (substitution rule)."""
+
     def width(at):
         phi = orientation_range(FOUR_DOF, at)
         return np.nan_to_num(phi.highest - phi.lowest - phi.gap)
@@ -66,7 +67,8 @@ def test_orientations_over_all_positions_are_the_integral_of_the_jacobian():
     assert inverse.error < 1e-3 * inverse.value
 
 
-def test_clearance_has_the_sign_of_being_reached_and_the_size_of_the_slack():
+def test_clearance_is_positive_in_the_workspace_only():
+    """At home it is half the travel, 20 mm."""
     at = points(4000)
     found = clearance(FOUR_DOF, at)
     np.testing.assert_array_equal(found >= 0.0, np.isfinite(orientation_range(FOUR_DOF, at).lowest))
@@ -75,7 +77,7 @@ def test_clearance_has_the_sign_of_being_reached_and_the_size_of_the_slack():
     assert (clearance(FOUR_DOF, [[0.09, 0.09, 0.3], [0.09, 0.09, -0.1]]) < 0.0).all()
 
 
-def test_foreign_machines_and_points_are_refused():
+def test_other_mechanisms_and_invalid_points_are_refused():
     with pytest.raises(WorkspaceError, match='planar is a planar'):
         orientation_range(load_machine('planar'), [0.1, 0.1, 0.1])
     with pytest.raises(WorkspaceError, match=r'shape \(2,\); expected \(\.\.\., 3\)'):

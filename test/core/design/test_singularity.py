@@ -1,4 +1,4 @@
-"""Singularity: intervals enclose, determinants agree with the Jacobian, the proof finds what there is to find."""
+"""Singularity: intervals enclose, determinants agree with the Jacobian, the proof finds singular positions."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ numbers = st.floats(-1e3, 1e3)
 
 
 @given(numbers, numbers, numbers, numbers, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_intervals_hold_what_their_members_give(a, b, c, d, s, t):
+def test_intervals_enclose_the_results_of_their_members(a, b, c, d, s, t):
     x, y = Interval(min(a, b), max(a, b)), Interval(min(c, d), max(c, d))
     u = np.clip(x.lower + s * (x.upper - x.lower), x.lower, x.upper)
     v = np.clip(y.lower + t * (y.upper - y.lower), y.lower, y.upper)
@@ -30,7 +30,7 @@ def test_intervals_hold_what_their_members_give(a, b, c, d, s, t):
         assert interval.lower < member < interval.upper  # strictly: every operation rounds outwards
 
 
-def test_intervals_refuse_what_has_no_value():
+def test_intervals_refuse_undefined_operations():
     with pytest.raises(ZeroDivisionError):
         1.0 / Interval(-1.0, 1.0)
     with pytest.raises(ValueError, match='no square root'):
@@ -46,7 +46,8 @@ def test_closed_form_determinant_is_that_of_the_jacobian(machine):
     np.testing.assert_allclose(regularity(machine, q.T)['abs(det J)'], expected, rtol=1e-12)
 
 
-def test_determinant_of_the_four_dof_keeps_its_sign_and_the_range_of_the_theory_notes():
+def test_determinant_of_the_four_dof_keeps_its_sign():
+    """Value at home, range over the travel."""
     determinant = np.linalg.det(FOUR_DOF.jacobian(sample_joints(FOUR_DOF, 100_000, seed=1)))
     assert (determinant < 0.0).all()
     assert np.linalg.det(FOUR_DOF.jacobian(FOUR_DOF.home)) == pytest.approx(-1.236296937e-1, rel=1e-9)  # SI: 1/m
@@ -64,16 +65,16 @@ def test_certificate_bounds_every_sample_and_is_tight(machine):
 
 
 def test_travel_with_a_singular_position_is_not_certified():
-    def gap(q):  # sliders that may meet
+    def gap(q):  # of sliders that may collide
         return q[1] - q[0]
 
     with pytest.raises(WorkspaceError, match=r'falls to -0.02'):
         bound_below(gap, [0.0, 0.01], [0.03, 0.06])
     with pytest.raises(WorkspaceError, match='allowed above 0'):
-        bound_below(lambda q: (q[0] - 0.3) * (q[0] - 0.3), [0.0], [1.0], most_boxes=1000)  # a zero at no corner
+        bound_below(lambda q: (q[0] - 0.3) * (q[0] - 0.3), [0.0], [1.0], most_boxes=1000)  # a zero inside the range
 
 
-def test_conditioning_is_that_of_the_theory_notes():
+def test_conditioning_has_the_reference_range():
     axes = [np.linspace(*travel, 9) for travel in zip(FOUR_DOF.limits.lower, FOUR_DOF.limits.upper, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1)
     found = conditioning(FOUR_DOF, grid, 0.050)

@@ -25,7 +25,7 @@ def study():
     return study_tolerance(W)
 
 
-def test_error_matrix_at_home_is_that_of_the_theory_notes():
+def test_error_matrix_at_home_has_the_reference_values():
     E = em_true(linkage(geometry_of(FOUR_DOF), FOUR_DOF.forward(FOUR_DOF.home)))
     E[3] *= 1e-3  # rad/mm
     expected = [
@@ -39,7 +39,8 @@ def test_error_matrix_at_home_is_that_of_the_theory_notes():
     np.testing.assert_allclose(singular, [3.34325972, 0.93758597, 0.72274212, 0.03508096], atol=1e-8)
 
 
-def test_true_matrix_is_the_derivative_of_the_mechanism_and_the_thesis_matrix_is_not():
+def test_true_error_matrix_is_the_derivative_of_the_mechanism():
+    """The matrix of the thesis differs from the derivative in the z row only."""
     q = sample_joints(FOUR_DOF, 500, seed=1)
     at = linkage(geometry_of(FOUR_DOF), FOUR_DOF.forward(q))
     found = sensitivities(FOUR_DOF, q)
@@ -51,14 +52,16 @@ def test_true_matrix_is_the_derivative_of_the_mechanism_and_the_thesis_matrix_is
     assert wrong[[0, 1, 3]].max() < 2e-6
 
 
-def test_encoder_errors_act_as_the_jacobian_and_offsets_as_the_drawing_says():
+def test_encoder_errors_act_through_the_jacobian():
+    """An error of dz shifts the end point in z only."""
     q = sample_joints(FOUR_DOF, 200, seed=1)
     np.testing.assert_allclose(sensitivities(FOUR_DOF, q, FOUR_DOF.joints), -FOUR_DOF.jacobian(q), atol=1e-7)
     dz = sensitivities(FOUR_DOF, q, ('dz',))[..., 0]
     np.testing.assert_allclose(dz, np.tile([0.0, 0.0, 1.0, 0.0], (200, 1)), atol=1e-9)
 
 
-def test_specimen_without_errors_is_the_drawing_and_unknown_errors_are_refused():
+def test_specimen_refuses_unknown_errors():
+    """Without errors it equals the drawing."""
     q = sample_joints(FOUR_DOF, 50, seed=1)
     np.testing.assert_allclose(end_point(FOUR_DOF, q, {}), FOUR_DOF.forward(q), atol=1e-15 * 100)
     with pytest.raises(PkmError, match=r"unknown errors \['l3'\]; known: \['l2', 'l4'"):
@@ -76,7 +79,8 @@ def test_specimen_without_errors_is_the_drawing_and_unknown_errors_are_refused()
         ('true', ALL, 0.8381471583, 702.8145156613, 10084.4305461860),
     ],
 )
-def test_objectives_at_the_initial_design_are_those_of_the_theory_notes(variant, poses, f, f1, f2):
+def test_objectives_of_the_initial_design(variant, poses, f, f1, f2):
+    """Values of Table 4.1 and of an independent computation."""
     found = objectives(W.geometry(0.150, 0.150), poses, variant)
     assert (found.f, found.f1, found.f2) == pytest.approx((f, f1, f2), rel=1e-8)
 
@@ -97,15 +101,15 @@ OPTIMA = {  # k [mm] and value
 }
 
 
-def test_optima_are_those_of_the_theory_notes(study):
+def test_optima_have_the_reference_values(study):
     for key, (k10, value) in OPTIMA.items():
         best = study.objectives[key].optimum
         assert best.l2 == pytest.approx(0.070)  # on its bound
-        assert 1e3 * best.k10 == pytest.approx(k10, abs=1e-4)  # the bottom is flat
+        assert 1e3 * best.k10 == pytest.approx(k10, abs=1e-4)  # the minimum is flat
         assert best.value == pytest.approx(value, rel=1e-9)
 
 
-def test_table_4_1_is_reproduced_but_for_the_optimal_f(study):
+def test_table_4_1_is_reproduced_except_the_optimal_f(study):
     for name, grid in (('f', 'middle'), ('f1', 'middle'), ('f2', 'all')):
         initial, (l2, k10, value) = OBJECTIVES[name]
         ours = study.objectives[name, 'thesis', grid].optimum
@@ -120,11 +124,11 @@ def test_tables_4_2_to_4_5_are_reproduced_in_every_cell(study):
         for name, printed in rows.items():
             for ours, theirs in zip(study.statistics[title, 'thesis'][name], printed, strict=True):
                 expected = 0.0 if theirs is None else theirs  # lost: the mean of phi is 0 by symmetry
-                last_digit = 10.0 ** -len(repr(expected).split('.')[1])  # some cells are cut off, not rounded
+                last_digit = 10.0 ** -len(repr(expected).split('.')[1])  # some cells are truncated, not rounded
                 assert 1e6 * ours == pytest.approx(expected, abs=1.01 * last_digit)
 
 
-def test_true_z_error_is_twice_what_the_thesis_says(study):
+def test_true_z_error_is_twice_that_of_the_thesis(study):
     title = 'Table 4.5, optimum of f2'
     true, theirs = (study.statistics[title, variant]['z'] for variant in ('true', 'thesis'))
     assert 1e6 * true.minimum == pytest.approx(1.82, abs=0.01)
@@ -134,7 +138,7 @@ def test_true_z_error_is_twice_what_the_thesis_says(study):
         assert study.statistics[title, 'true'][name] == study.statistics[title, 'thesis'][name]
 
 
-def test_prototype_magnifies_more_than_its_design_on_w():
+def test_prototype_magnification_over_its_workspace():
     squares, together, worst = reachable_magnification(FOUR_DOF, 100_000, seed=1)
     assert squares.mean() == pytest.approx(13.3, abs=0.15)
     assert squares.min() == pytest.approx(6.5, abs=0.3)  # extremes of a sample
@@ -142,23 +146,23 @@ def test_prototype_magnifies_more_than_its_design_on_w():
     assert 1e6 * together[:, 2].min() == pytest.approx(1.09, abs=0.01)
 
 
-def test_joints_that_w_needs_are_beyond_the_travel_of_the_prototype():
+def test_joints_needed_for_w_exceed_the_prototype_travel():
     needed = {name: rest for name, *rest in design_on_workspace(FOUR_DOF, W).joints_needed}
     assert [1e3 * v for v in needed['d1'][:2]] == pytest.approx([69.97483690, 99.59056289])
     assert [1e3 * v for v in needed['d3'][:2]] == pytest.approx([176.44623036, 203.43802592])
 
 
-def test_no_design_of_the_pareto_front_is_beaten_by_another():
+def test_no_design_of_the_pareto_front_is_dominated():
     front = pareto_front(W, ONE_ANGLE, points=25)
     costs = np.stack([front.size, front.f1, front.f2], axis=1)
     assert not_dominated(costs).all()
     assert (np.diff(front.size) >= 0.0).all()
-    assert front.f1[0] > 2.0 * front.f1.min()  # what is small magnifies errors
+    assert front.f1[0] > 2.0 * front.f1.min()  # small machines magnify errors
     check = objectives(W.geometry(front.l2, front.k10), ONE_ANGLE)
     np.testing.assert_array_equal(check.f1, front.f1)
 
 
-def test_arm_scales_what_an_angle_counts():
+def test_arm_scales_the_weight_of_an_angle():
     small, large = (objectives(W.geometry(0.07, 0.1166), ALL, arm=arm) for arm in (1e-3, 50e-3))
     assert large.f == pytest.approx(50.0 * small.f)  # one of the four factors
     assert large.f1 > small.f1
@@ -173,12 +177,12 @@ def test_arm_scales_what_an_angle_counts():
         (0.070, np.nan, 'not finite'),
     ],
 )
-def test_links_that_do_not_reach_are_refused_with_condition_and_numbers(l2, k10, message):
+def test_links_out_of_reach_are_refused_with_numbers(l2, k10, message):
     with pytest.raises(WorkspaceError, match=message):
         check_reach(W.geometry(l2, k10), ALL)
 
 
-def test_angles_of_the_other_sign_are_refused_as_another_assembly(tmp_path):
+def test_angles_of_another_assembly_are_refused(tmp_path):
     mirrored = load_operational_workspace(
         edited(tmp_path, 'first: -47 deg, last: -43 deg', 'first: 43 deg, last: 47 deg')
     )
@@ -213,11 +217,11 @@ def test_search_without_a_reachable_design_is_refused(tmp_path):
         ('initial: {l: 150 mm', 'initial: {l: -150 mm', 'initial.l'),
     ],
 )
-def test_workspace_file_that_makes_no_sense_is_refused(old, new, message, tmp_path):
+def test_invalid_workspace_file_is_refused(old, new, message, tmp_path):
     with pytest.raises(ConfigError, match=message):
         load_operational_workspace(edited(tmp_path, old, new))
 
 
-def test_machine_of_another_kind_is_refused():
+def test_machine_of_another_mechanism_is_refused():
     with pytest.raises(WorkspaceError, match='planar is a planar; the error matrix is that of a four_dof'):
         design_on_workspace(load_machine('planar'), W)

@@ -1,4 +1,4 @@
-"""Experiments: what a run comes to, its spread, the tables beside the thesis's, and that farming changes no bit."""
+"""Experiments: results of a run, spread, tables with the thesis, and the same bits from every distribution of runs."""
 
 import json
 import math
@@ -42,7 +42,7 @@ def measured(name, machine='planar', **changes):
 
 
 def invented(wanted, seed):
-    """Return an `Outcome` whose every figure is 1 um or ms times the seed, and d1 never settles under seed 2."""
+    """Return an `Outcome` with every figure 1 um or 1 ms times the seed; with seed 2, d1 does not settle."""
     machine = load_machine(wanted.machine)
 
     def figures(axes):
@@ -61,17 +61,18 @@ def invented_study(name):
     return run_study(name, 'simulation', lambda runs, cycles: [invented(*run) for run in runs], 2, 2)
 
 
-def test_spread_is_mean_largest_size_of_95_percent_and_share_that_never_settles():
+def test_spread_is_mean_percentile_and_unsettled_share():
     values = np.array([*range(-1, -100, -1), -1000.0])
     found = spread(values, 2.0)
     assert found.mean == pytest.approx(2 * values.mean())
-    assert found.p95 == 192.0  # a value that occurred, of rank 0.95 x 99, rounded up
+    assert found.p95 == 192.0  # the value of rank 0.95 x 99, rounded up
     assert found.never == 0.0
     found = spread(np.array([0.0, np.nan, 0.0, 0.0]))
     assert (found.mean, found.p95, found.never) == (math.inf, math.inf, 0.25)
 
 
-def test_records_of_the_simulation_are_its_arrays_with_the_laser_on_the_clock_of_the_cycle():
+def test_records_hold_the_arrays_of_the_simulation():
+    """The laser's times count from the start of each cycle."""
     records, _ = simulate(condition('robust'), 1, 2)
     machine, _, _, joints, control, _, _ = prepared(condition('robust'))
     ran = run_cycles(machine, joints, control, None, 2, 1, laser=True)
@@ -93,20 +94,21 @@ def test_laser_does_not_change_the_run():
     assert without.laser == ()
 
 
-def test_end_point_is_what_the_laser_sees_and_not_what_the_encoders_say():
+def test_laser_measures_the_effect_of_link_errors():
+    """The encoders do not see it."""
     off, exact = (measured('best law', environment=environment) for environment in ('nominal', 'exact'))
     resting = {name: np.abs(each.laser['steady_state_error'][-1, 0]) for name, each in (('off', off), ('exact', exact))}
-    assert resting['off'] > 5e-6  # links off by some 10 um, over a move of 10 mm
+    assert resting['off'] > 5e-6  # link errors of 10 um, over a move of 10 mm
     assert resting['exact'] < 0.91e-6
     assert np.abs(off.encoders['steady_state_error'][-1]).max() < 1e-6
 
 
-def test_what_the_design_couples_is_most_of_the_error_the_robust_law_leaves_on_four_axes():
+def test_coupling_feedforward_reduces_the_error_of_four_axes():
     alone, coupled = (worst_axis([measured(name, 'four_dof')])[0, -1] for name in ('robust', 'coupled'))
     assert coupled < 0.7 * alone
 
 
-def test_feedforward_of_the_design_is_nothing_where_nothing_couples():
+def test_coupling_feedforward_of_uncoupled_axes_is_zero():
     machine, _, _, joints, control, _, _ = prepared(condition('XY stage'))
     assert np.abs(design_feedforward(machine, control, joints)).max() < 1e-9
 
@@ -123,14 +125,14 @@ def test_processes_do_not_change_an_outcome():
     assert done == [1, 2]
 
 
-def test_refusal_of_a_run_ends_the_farm():
+def test_error_of_a_run_is_raised_by_farm():
     wrong = replace(condition('robust'), environment='moon')
     with ThreadPoolExecutor(1) as executor, pytest.raises(PkmError, match="environment 'moon' is unknown"):
         farm(executor, [(measure, wrong, 1, 1), (measure, condition('robust'), 1, 1)])
 
 
 @pytest.mark.parametrize('name', ['planar', 'four_dof'])
-def test_every_condition_of_an_experiment_can_be_made(name):
+def test_every_condition_of_an_experiment_can_be_prepared(name):
     for each in conditions(name):
         machine, _, _, joints, control, law, start = prepared(each)
         assert tuple(control) == machine.joints == joints.coordinates
@@ -139,7 +141,7 @@ def test_every_condition_of_an_experiment_can_be_made(name):
     assert find_config('control', f'{name}_thesis').is_file()
 
 
-def test_tables_hold_our_spread_beside_the_value_of_the_thesis():
+def test_tables_have_the_spread_and_the_thesis_value():
     tables, figures = study_report(invented_study('four_dof'))
     assert [table.title.split(',')[0] for table in tables] == ['Table 8.2', 'Table 8.3']
     rows = {(row['quantity'], row['axis'], row['control']): row for row in figures['joints']}
@@ -158,7 +160,7 @@ def test_tables_hold_our_spread_beside_the_value_of_the_thesis():
     json.dumps(figures['joints'])
 
 
-def test_planar_experiment_has_the_tables_of_effort_and_size():
+def test_planar_experiment_has_tables_7_4_and_7_5():
     tables, _ = study_report(invented_study('planar'))
     effort = {row[0]: row[1:] for row in tables[2].rows}
     # 11.05 N/V over 11.44 m/s^2/V; 4 V at 1.25 A/V and at 5 A/V
@@ -185,13 +187,13 @@ def run_verb(*options):
         (['planar', '--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),
     ],
 )
-def test_wrong_option_is_refused(options, complaint):
+def test_invalid_option_is_refused(options, complaint):
     result = run_verb(*options)
     assert isinstance(result.exception, PkmError)
     assert complaint in str(result.exception)
 
 
-def test_graph_is_refused_where_only_the_core_is_installed(monkeypatch):
+def test_graph_is_refused_without_pkm_nodes(monkeypatch):
     monkeypatch.setattr(graph_driver, 'entry_points', lambda group: [])
     with pytest.raises(PkmError, match='no installed package drives the ROS 2 graph'):
         graph_driver.graph_driver()
@@ -217,15 +219,15 @@ def test_verb_writes_every_figure_and_table(name, first, last, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_every_target_is_reached(tmp_path):
+def test_every_target_is_met(tmp_path):
     result = run_verb('targets', '--seeds', 2, '--json', tmp_path / 'targets.json')
     assert result.exit_code == 0, result.output
     rows = json.loads((tmp_path / 'targets.json').read_text())['targets']
     missed = [row['what'] for row in rows if row['met'] is False]
-    # (7.24) knows nothing of the other axes, and what the design couples does not cancel the gain that d3 is off by
+    # (7.24) ignores the other axes, and the coupling of the design does not correct the gain error of d3
     assert set(missed) <= {'4-DOF robust, (7.24)', "planar robust, with the design's coupling"}
 
 
-def test_loops_of_the_experiments_are_the_configured_ones():
+def test_experiments_use_the_configured_gains():
     machine = load_machine('planar')
     assert prepared(condition('robust')).control == load_control(machine)

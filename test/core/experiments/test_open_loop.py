@@ -14,7 +14,7 @@ from pkm_core.machines import load_machine
 from pkm_core.verbs.open_loop import open_loop
 
 FOUR_DOF = load_machine('four_dof')
-# other program, other formulation, tolerances 1e-10: net and amplitude [mm], end-effector limits [mm, deg], time [s]
+# independent program and formulation, tolerances 1e-10: net and amplitude [mm], end-effector range [mm, deg], time [s]
 EXPECTED = {
     'i_a': {
         'net': (18.821412633447935, 17.80303910053007, 20.689540866914655, 16.281655492728788),
@@ -48,22 +48,22 @@ EXPECTED = {
 
 
 @pytest.mark.parametrize('name', CASES)
-def test_rigid_machine_moves_as_the_independent_integration(name):
+def test_rigid_machine_moves_as_in_the_independent_program(name):
     response, expected = integrate(FOUR_DOF, CASES[name]), EXPECTED[name]
     found = figures(FOUR_DOF, CASES[name], response)
     np.testing.assert_allclose(found['net_mm'], expected['net'], atol=1e-7)
     np.testing.assert_allclose(found['amplitude_mm'], expected['amplitude'], rtol=1e-3)  # of a fit over other samples
     pose = response.pose * [1e3, 1e3, 1e3, np.degrees(1.0)]
-    # extremes between samples: 120 mm/s reversed within 35 ms, 2 degrees alike, samples 0.5 ms apart
+    # extremes lie between samples of 0.5 ms: 120 mm/s is reversed within 35 ms
     np.testing.assert_allclose(pose.min(axis=0), expected['lowest'], atol=1e-3)
     np.testing.assert_allclose(pose.max(axis=0), expected['highest'], atol=1e-3)
-    # expected is the first of 2000 samples beyond
+    # expected is the first of 2000 samples beyond the travel
     assert found['leaves_travel_s'] == (expected['leaves'] and pytest.approx(expected['leaves'], abs=7e-5))
     assert found['leaves_travel_joint'] == (expected['leaves'] and 'd5')
 
 
 @pytest.mark.parametrize('name', CASES)
-def test_printed_reference_is_the_independent_integration(name):
+def test_printed_reference_is_that_of_the_independent_program(name):
     printed, expected = REFERENCE[name], EXPECTED[name]
     span = np.subtract(expected['highest'], expected['lowest'])
     for ours, theirs in (('net_mm', expected['net']), ('amplitude_mm', expected['amplitude']), ('span_mm_deg', span)):
@@ -71,7 +71,8 @@ def test_printed_reference_is_the_independent_integration(name):
     assert printed['leaves_travel_s'] == (expected['leaves'] and pytest.approx(expected['leaves'], abs=6e-5))
 
 
-def test_belts_let_the_platforms_turn_by_less_than_0p03_deg_and_not_at_rest():
+def test_belts_allow_under_0p03_deg_of_platform_rotation():
+    """At rest the rotation is that by gravity; the carriages move as with rigid belts to 0.02 mm."""
     case = CASES['i_a']  # that of Fig. 5.11
     response = integrate(FOUR_DOF, case, belt_stiffness=100.0)
     belts = figures(FOUR_DOF, case, response)['belts']
@@ -79,22 +80,22 @@ def test_belts_let_the_platforms_turn_by_less_than_0p03_deg_and_not_at_rest():
     assert belts['turn_at_rest_deg'] < 0.002  # gravity alone
     assert belts['largest_shift_um'] == pytest.approx(1.49, abs=0.05)
     assert belts['shift_at_rest_um'] < 0.2
-    # and the carriages hardly notice
     rigid = figures(FOUR_DOF, case, integrate(FOUR_DOF, case))
     np.testing.assert_allclose(figures(FOUR_DOF, case, response)['net_mm'], rigid['net_mm'], atol=0.02)
 
 
-def test_softer_belts_turn_in_proportion():
+def test_platform_rotation_is_inverse_to_belt_stiffness():
     case = CASES['ii_b']
     stiff, soft = (integrate(FOUR_DOF, case, belt_stiffness=kb).belts[100:200] for kb in (400.0, 100.0))
     assert np.abs(soft).max() / np.abs(stiff).max() == pytest.approx(4.0, rel=0.1)
 
 
-def test_whole_machine_is_slowed_by_its_losses_and_shows_the_same_turn_of_belts():
+def test_losses_slow_the_complete_machine():
+    """Slides move less than 6 mm; the rotation of the belts is that of the model without losses."""
     case = CASES['i_a']
     response = play(FOUR_DOF, case, seed=1, environment='elastic')
     found = figures(FOUR_DOF, case, response)
-    # 1.3 to 1.5 kg instead of 0.85 kg, viscous friction of 15 to 41 /s that eats the drift
+    # 1.3 to 1.5 kg, not 0.85 kg; viscous friction of 15 to 41 /s reduces the drift
     assert (np.abs(found['net_mm']) < 6.0).all()
     assert ((found['amplitude_mm'] > 0.8) & (found['amplitude_mm'] < 1.1)).all()
     assert found['leaves_travel_s'] is None
@@ -108,7 +109,7 @@ def test_other_mechanisms_are_refused():
         integrate(load_machine('planar'), CASES['i_a'])
 
 
-def test_csv_holds_a_row_a_sample_with_units(tmp_path):
+def test_csv_has_one_row_per_sample_and_units(tmp_path):
     response = integrate(FOUR_DOF, CASES['ii_a'])
     write_csv(tmp_path / 'case.csv', FOUR_DOF, response)
     rows = list(csv.DictReader((tmp_path / 'case.csv').open()))
@@ -118,7 +119,7 @@ def test_csv_holds_a_row_a_sample_with_units(tmp_path):
     assert float(rows[70]['force_d3_N']) == pytest.approx(response.force[70, 1], rel=1e-8)
 
 
-def test_verb_draws_tabulates_and_writes(tmp_path):
+def test_verb_writes_figures_and_csv(tmp_path):
     app = typer.Typer()
     app.command()(open_loop)
     done = CliRunner().invoke(app, ['--environment', 'ideal', '--out', str(tmp_path)], env={'COLUMNS': '100'})

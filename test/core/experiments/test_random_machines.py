@@ -1,4 +1,4 @@
-"""Random machines: only the plant differs, the same seed gives the same, and nothing of it remains."""
+"""Random machines: only the plant differs, the seed determines it, and its files are removed."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def counts(seed):
         return run_cycles(machine, TRAJECTORY, CONTROL, None, 1, 1).counts
 
 
-def test_same_seed_gives_the_same_machine_and_another_another():
+def test_seed_determines_the_random_machine():
     nominal = run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, 1).counts
     first = counts((1, 0))
     np.testing.assert_array_equal(counts((1, 0)), first)
@@ -33,12 +33,12 @@ def test_same_seed_gives_the_same_machine_and_another_another():
     assert (nominal != first).any()
 
 
-def test_controllers_keep_their_knowledge():
+def test_models_and_gains_of_controllers_do_not_change():
     with random_machine(MACHINE, 5) as machine:
         assert (load_model(machine), load_control(machine)) == (load_model(MACHINE), CONTROL)
 
 
-def test_copied_configuration_ends_with_the_block():
+def test_copied_configuration_is_removed_after_the_block():
     before = MACHINE.configuration
     with random_machine(MACHINE, 5) as machine:
         assert machine.configuration.folder.is_dir()
@@ -46,7 +46,7 @@ def test_copied_configuration_ends_with_the_block():
     assert not machine.configuration.folder.exists()
 
 
-def test_study_tells_every_machine_by_cycle():
+def test_study_has_errors_by_machine_and_cycle():
     law = make_law('inverse', MACHINE, CONTROL)
     found = study(MACHINE, TRAJECTORY, CONTROL, law, machines=2, cycles=3)
     assert found.error.shape == found.settling_time_5um.shape == (2, 3)

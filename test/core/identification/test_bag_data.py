@@ -1,4 +1,4 @@
-"""The same fits on bags: of this cell, and of somebody else's axis by topics, fields and units; and on bad bags."""
+"""Identification from bags: of this cell, of another machine by topics, fields and units, and from invalid bags."""
 
 import json
 import re
@@ -47,7 +47,7 @@ def experiments():
 
 
 def write_cell_bag(path, experiment, record, *, ticks=None):
-    """Write what the recorder of the cell would, with the excitation of every joint."""
+    """Write a bag as the recorder of the cell does, with the excitation of every joint."""
     machine, store = parts()[0], typestore()
     poses = with_derivatives(
         experiment.trajectory,
@@ -106,7 +106,7 @@ def call(*options):
     return RUN.invoke(app, list(map(str, options)), catch_exceptions=False)
 
 
-def test_bag_gives_back_what_the_loop_saw(cell_bags):
+def test_cell_bag_holds_the_record_of_the_loop(cell_bags):
     machine = parts()[0]
     for path, (planned, record) in zip(cell_bags, experiments(), strict=True):
         read, warnings = read_cell_bag(machine, path)
@@ -117,7 +117,7 @@ def test_bag_gives_back_what_the_loop_saw(cell_bags):
         np.testing.assert_array_equal(read.excitation, planned.excitation)
 
 
-def test_verb_on_bags_finds_what_the_records_gave(cell_bags, tmp_path):
+def test_verb_on_bags_equals_the_fit_of_the_records(cell_bags, tmp_path):
     machine, models, control = parts()
     direct = identify_joint(machine, 'd1', [record for _, record in experiments()], models, control)
     result = call('--machine', 'planar', *cell_bags, '--out', tmp_path, '--json', tmp_path / 'all.json')
@@ -130,7 +130,7 @@ def test_verb_on_bags_finds_what_the_records_gave(cell_bags, tmp_path):
     assert (tmp_path / 'fig_7_11_response_d1.png').is_file()
 
 
-def test_truncated_bag_is_used_and_reported_with_numbers(tmp_path):
+def test_bag_that_ends_early_is_used_with_a_warning(tmp_path):
     experiment, record = experiments()[0]
     path = write_cell_bag(tmp_path / 'short', experiment, record, ticks=5000)
     read, warnings = read_cell_bag(parts()[0], path)
@@ -140,7 +140,7 @@ def test_truncated_bag_is_used_and_reported_with_numbers(tmp_path):
     assert 'holds 5000 of 7600 ticks' in result.output.replace('\n', ' ')
 
 
-def test_cut_off_file_of_this_cell_is_refused(tmp_path):
+def test_truncated_file_of_this_cell_is_refused(tmp_path):
     path = write_cell_bag(tmp_path / 'cut', *experiments()[0], ticks=2000)
     file = next(path.glob('*.mcap'))
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
@@ -151,7 +151,7 @@ def test_cut_off_file_of_this_cell_is_refused(tmp_path):
 def test_empty_bag_is_refused_with_numbers(tmp_path):
     experiment, record = experiments()[0]
     path = write_cell_bag(tmp_path / 'empty', experiment, record, ticks=0)
-    with pytest.raises(IdentificationError, match='empty: is empty: 0 of 7600 ticks'):
+    with pytest.raises(IdentificationError, match='empty: 0 of 7600 ticks; at least 1'):
         read_cell_bag(parts()[0], path)
 
 
@@ -166,7 +166,7 @@ def test_bag_of_a_sweep_alone_is_refused(cell_bags):
 
 
 @pytest.mark.parametrize('damage', ['no bag', 'no metadata'])
-def test_folder_that_is_no_bag_is_refused(tmp_path, damage):
+def test_folder_without_a_bag_is_refused(tmp_path, damage):
     path = tmp_path / 'bag'
     if damage == 'no metadata':
         path.mkdir()
@@ -174,7 +174,7 @@ def test_folder_that_is_no_bag_is_refused(tmp_path, damage):
         call('--machine', 'planar', path)
 
 
-# somebody else's axis: a joint in degrees driven in newton metres, beside others, at 500 Hz with jitter
+# axis of another machine: a joint in degrees with a torque drive, among others, at 500 Hz with jitter
 
 GAIN, VISCOSITY, RATE = 4.0, 6.0, 500.0  # rad/s^2 per N m, 1/s, Hz
 
@@ -236,7 +236,7 @@ OPTIONS = [
 ]
 
 
-def test_axis_of_somebody_else_is_read_in_si_units(tmp_path):
+def test_axis_of_another_machine_is_read_in_si_units(tmp_path):
     path = write_foreign_bag(tmp_path / 'bag')
     data, dead_time, warnings = read_axis(path, TORQUE, ANGLE, delay=0.003)
     _, torque, angle, *_ = elbow()
@@ -247,7 +247,7 @@ def test_axis_of_somebody_else_is_read_in_si_units(tmp_path):
     assert not warnings
 
 
-def test_verb_identifies_the_axis_of_somebody_else(tmp_path):
+def test_verb_identifies_an_axis_of_another_machine(tmp_path):
     moves = write_foreign_bag(tmp_path / 'moves', count=3000)
     options = [*OPTIONS, '--reference-topic', '/wanted', '--out', tmp_path, '--json', tmp_path / 'all.json']
     result = call(moves, *options)
@@ -260,14 +260,14 @@ def test_verb_identifies_the_axis_of_somebody_else(tmp_path):
     assert not (tmp_path / 'model.yaml').exists()  # no axis of this cell
 
 
-def test_excitation_of_somebody_else_gives_the_response(tmp_path):
+def test_excitation_of_another_machine_gives_the_response(tmp_path):
     shaken = write_foreign_bag(tmp_path / 'shaken', first=3000)
     data, _, _ = read_axis(shaken, TORQUE, ANGLE, excitation=Signal('/shake', 'data', 'mN m'))
     response = estimate_response(data, (15.0, 100.0))
     z = np.exp(2j * np.pi * response.frequency / RATE)
     decay = np.exp(-VISCOSITY / RATE)  # the held torque on K/(s (s + a))
     true = GAIN / VISCOSITY * ((1 / RATE) / (z - 1) - (1 - decay) / VISCOSITY / (z - decay))
-    np.testing.assert_allclose(response.plant, true, rtol=0.1)  # what the window leaks, and 20 Euler steps a sample
+    np.testing.assert_allclose(response.plant, true, rtol=0.1)  # leakage of the window, and 20 Euler steps per sample
     assert response.instrument
     assert not response.periodic
 
@@ -294,7 +294,7 @@ def test_excitation_of_somebody_else_gives_the_response(tmp_path):
         ),
     ],
 )
-def test_signal_that_is_not_there_is_refused(tmp_path, options, error, reason):
+def test_missing_signal_is_refused(tmp_path, options, error, reason):
     path = write_foreign_bag(tmp_path / 'bag', count=100)
     with pytest.raises(error, match=reason):
         read_axis(path, **({'drive': TORQUE, 'sensor': ANGLE} | options))
@@ -312,7 +312,7 @@ def test_bag_with_one_message_is_refused_with_numbers(tmp_path):
         read_axis(path, TORQUE, ANGLE)
 
 
-def test_truncated_file_is_refused(tmp_path):
+def test_truncated_file_of_another_machine_is_refused(tmp_path):
     path = write_foreign_bag(tmp_path / 'bag')
     file = next(path.glob('*.db3'))
     file.write_bytes(file.read_bytes()[:5000])

@@ -1,4 +1,4 @@
-"""What an axis is driven with: smooth, within travel, force and speed, refused beforehand or stopped in time."""
+"""Identification experiments: smooth, within travel, force and speed; refused beforehand or stopped by the guard."""
 
 from dataclasses import replace
 from functools import cache
@@ -68,7 +68,8 @@ def test_trajectory_rates_are_the_derivatives_of_its_position(name):
             np.testing.assert_allclose(slope, rate[1:-1], atol=4e-2 * np.abs(rate).max())
 
 
-def test_slow_moves_are_those_of_the_thesis_there_and_back_all_over_the_travel():
+def test_slow_moves_of_the_thesis_cover_the_travel():
+    """Lengths and durations of 7.3.2 and 8.3.2, there and back, over 90 % of the travel."""
     length = {
         'planar': {'d1': (10, 70), 'd3': (10, 80)},
         'four_dof': {'d1': (5, 70), 'd3': (5, 70), 'd5': (4, 70), 'd7': (4, 70)},
@@ -114,19 +115,20 @@ def test_sweep_spans_its_band_in_whole_periods():
         ({'band': (80.0, 1000.0)}, r'80 to 1000 Hz; expected .* < 1000 Hz, half the sampling rate'),
         ({'band': (500.0, 80.0)}, r'500 to 80 Hz; expected 0 < from < to'),
         ({'band': (80.0, 85.0)}, r'has 2\.6 lines; at least 10'),
-        ({'periods': 1}, r'1 period in a pass; at least 2'),
+        ({'periods': 1}, r'1 period per pass; at least 2'),
         ({'periods': 6}, r'd1: a stroke of 48\.8 mm leaves the travel; allowed 39\.0 mm, 0\.5 mm off either end'),
         ({'speed': 60e-3}, r'd1: a stroke of 102\.8 mm leaves the travel; allowed 39\.0 mm'),
     ],
 )
-def test_sweep_that_cannot_be_is_refused_with_numbers(settings, reason):
+def test_infeasible_sweep_is_refused_with_numbers(settings, reason):
     with pytest.raises(IdentificationError, match=reason):
         sweeps_of('planar', 'd1', **settings)
 
 
-def test_sweep_beyond_the_drive_is_refused_with_voltage_and_force():
+def test_moves_beyond_the_drive_are_refused():
+    """The message holds voltage and force, both with their limits."""
     machine, models, _ = parts('planar')
-    weak = models['d1'].model_copy(update={'gain': models['d1'].gain / 15})  # believed to weigh 15 times as much
+    weak = models['d1'].model_copy(update={'gain': models['d1'].gain / 15})  # model of an axis 15 times as heavy
     with pytest.raises(IdentificationError, match=r'd1 would need \d+\.\d V \(\d+ N\); allowed 10 V \(110 N\)'):
         slow_moves(machine, 'd1', weak)
 
@@ -141,14 +143,14 @@ def test_unknown_joint_is_refused():
     ('voltage', 'position', 'reference', 'reason'),
     [
         (0.0, 0.08, 0.08, ''),
-        (0.0, 0.0599, 0.0595, 'sample 20: d1 stands at 59.900 mm; travel is 60 to 100 mm'),
+        (0.0, 0.0599, 0.0595, 'sample 20: d1 is at 59.900 mm; allowed 60 to 100 mm'),
         (0.0, 0.08, 0.0815, 'sample 20: d1 is -1.500 mm off its reference; allowed 1 mm'),
         (0.0, 0.0806, 0.0806, 'sample 20: d1 moves at 0.150 m/s; allowed 0.100 m/s'),
-        (-2.5, 0.08, 0.08, 'sample 20: d1 is sent -2.50 V; allowed 2.00 V'),
-        (0.0, np.nan, 0.08, 'sample 20: d1 stands at nan mm; travel is 60 to 100 mm'),
+        (-2.5, 0.08, 0.08, 'sample 20: d1 gets -2.50 V; allowed 2.00 V'),
+        (0.0, np.nan, 0.08, 'sample 20: d1 is at nan mm; allowed 60 to 100 mm'),
     ],
 )
-def test_guard_says_what_is_wrong_with_numbers(voltage, position, reference, reason):
+def test_guard_returns_value_and_bound(voltage, position, reference, reason):
     guard = Guard('d1', BOUNDS, 0.5e-3)
     for index in range(20):
         assert guard.check(index, 0.0, 0.08, 0.08) == ''
@@ -161,7 +163,7 @@ def test_machine_stays_within_the_forecast_bounds(name):
     cell = SimulatedCell(machine, control, 1)
     for joint in machine.joints:
         for experiment in (moves_of(name, joint), sweeps_of(name, joint)[0]):
-            record = cell.run(experiment)  # raises if the guard steps in
+            record = cell.run(experiment)  # raises if a bound is exceeded
             peak = np.abs(record.voltage[:, machine.joints.index(joint)]).max()
             assert peak < 0.9 * experiment.bounds.voltage
 
@@ -176,7 +178,8 @@ def test_abort_leaves_the_machine_at_rest_and_ready():
     assert np.abs(cell._plant.truth.qd).max() < 1e-4  # m/s
 
 
-def test_vibration_never_stops_the_jog_however_large_it_is_wished():
+def test_vibration_stays_slower_than_the_jog():
+    """For any requested share of the jog speed the slider never stops."""
     machine, models, control = parts('planar')
     one = {}
     for shake in (0.6, 1.0):

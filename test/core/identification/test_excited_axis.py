@@ -1,4 +1,4 @@
-"""What is asked of an identification and what its axes do: refused before anything moves, watched while it does."""
+"""Requests of an identification and excitation of an axis: refused before the motion, bounded during it."""
 
 import math
 from dataclasses import replace
@@ -45,7 +45,7 @@ def excited(machine, sweep, *, column=COLUMN, volts=None):
     )
 
 
-def test_empty_request_is_the_thesis_experiment_of_every_axis(planar):
+def test_empty_request_plans_the_default_experiments(planar):
     models, control = load_model(planar), load_control(planar)
     for joint, found in planned(planar).items():
         expected = experiments(planar, joint, models, control)
@@ -65,7 +65,7 @@ def test_kinds_and_positions_choose_the_experiments(planar):
     }
 
 
-def test_stroke_and_jog_are_those_that_are_wished(planar):
+def test_stroke_and_jog_speed_are_those_requested(planar):
     moves, jog = planned(planar, joints=('d1',), positions=1, stroke=3e-3, jog_speed=12e-3)['d1']
     path = moves.trajectory.position[:, 0]
     assert np.abs(path[moves.trajectory.move_ends] - path[moves.trajectory.move_starts]) == pytest.approx(3e-3)
@@ -76,7 +76,7 @@ def test_stroke_and_jog_are_those_that_are_wished(planar):
     ('wanted', 'reason'),
     [
         ({'joints': ('d2',)}, r"joint 'd2' is unknown; planar has \['d1', 'd3'\]"),
-        ({'joints': ('d1', 'd1')}, 'one is named twice'),
+        ({'joints': ('d1', 'd1')}, 'a name is repeated'),
         ({'kind': 'everything'}, "kind 'everything'; known"),
         ({'positions': 21}, 'positions: 21; allowed up to 20'),
         ({'band': (80.0, 1500.0)}, 'sweep from 80 to 1500 Hz; expected 0 < from < to < 1000 Hz'),
@@ -89,18 +89,18 @@ def test_stroke_and_jog_are_those_that_are_wished(planar):
         ({'jog_speed': 0.2}, r'a stroke of \d+\.\d mm leaves the travel; allowed \d+\.\d mm'),
     ],
 )
-def test_request_that_cannot_be_met_is_refused(planar, wanted, reason):
+def test_infeasible_request_is_refused(planar, wanted, reason):
     with pytest.raises(PkmError, match=reason):
         planned(planar, **wanted)
 
 
-def test_poses_of_an_experiment_lead_back_to_its_joints(planar, sweep):
+def test_poses_of_an_experiment_convert_back_to_its_joints(planar, sweep):
     joints = to_joints(planar, in_poses(planar, sweep.trajectory))
     # rounding of a square root and its inverse at 0.1 m
     np.testing.assert_allclose(joints.position, sweep.trajectory.position, atol=1e-15)
 
 
-def test_excitation_adds_to_the_voltage_within_what_the_drive_has(planar, sweep):
+def test_excitation_is_added_to_the_controller_voltage(planar, sweep):
     axis = excited(planar, sweep)
     index = int(np.abs(sweep.excitation[:, COLUMN]).argmax())
     volts, where = sweep.excitation[index, COLUMN], sweep.trajectory.position[index, COLUMN]
@@ -113,18 +113,19 @@ def test_excitation_adds_to_the_voltage_within_what_the_drive_has(planar, sweep)
     ('voltage', 'offset', 'reason'),
     [
         (0.0, 2e-3, r'sample 5: d3 is 2\.000 mm off its reference; allowed 1 mm'),
-        (9.0, 0.0, r'sample 5: d3 is sent 9\.00 V; allowed \d\.\d\d V'),
-        (0.0, 1.0, r'sample 5: d3 stands at \d+\.\d+ mm; travel is'),
+        (9.0, 0.0, r'sample 5: d3 gets 9\.00 V; allowed \d\.\d\d V'),
+        (0.0, 1.0, r'sample 5: d3 is at \d+\.\d+ mm; allowed'),
     ],
 )
-def test_axis_that_leaves_its_bounds_is_stopped_with_the_numbers(planar, sweep, voltage, offset, reason):
+def test_axis_outside_its_bounds_is_stopped(planar, sweep, voltage, offset, reason):
+    """The message holds sample, value and bound."""
     with pytest.raises(PkmError, match=reason):
         excited(planar, sweep).drive(5, voltage, sweep.trajectory.position[5, COLUMN] + offset)
 
 
-def test_axis_that_runs_away_is_stopped_by_its_speed(planar, sweep):
+def test_axis_above_its_speed_bound_is_stopped(planar, sweep):
     axis, position = excited(planar, sweep), sweep.trajectory.position[:, COLUMN]
-    for index in range(8):  # from 0.9 mm on the one side of its reference to 0.9 mm on the other in 4 ms
+    for index in range(8):  # from 0.9 mm below its reference to 0.9 mm above it in 4 ms
         axis.drive(index, 0.0, position[index] + 2.25e-4 * (index - 4))
     with pytest.raises(PkmError, match=r'd3 moves at 0\.\d+ m/s; allowed'):
         axis.drive(8, 0.0, position[8] + 2.25e-4 * 4)
@@ -133,17 +134,17 @@ def test_axis_that_runs_away_is_stopped_by_its_speed(planar, sweep):
 @pytest.mark.parametrize(
     ('volts', 'reason'),
     [
-        (lambda v: v[:-1], r'excitation of d3: \d+ values; expected one a sample, \d+'),
+        (lambda v: v[:-1], r'excitation of d3: \d+ values; expected one per sample, \d+'),
         (lambda v: np.where(np.arange(v.size) == 7, np.nan, v), 'excitation of d3: nan V at sample 7'),
         (lambda v: 20 * v, r'excitation of d3: would need \d+\.\d V; allowed 10 V'),
     ],
 )
-def test_excitation_that_is_wrong_is_refused_before_the_cycle(planar, sweep, volts, reason):
+def test_invalid_excitation_is_refused_before_the_cycle(planar, sweep, volts, reason):
     with pytest.raises(PkmError, match=reason):
         excited(planar, sweep, volts=volts(sweep.excitation[:, COLUMN]))
 
 
-def test_cycle_that_would_be_too_fast_under_its_excitation_is_refused(planar, sweep):
+def test_excited_cycle_above_the_speed_limit_is_refused(planar, sweep):
     nearly = np.full_like(sweep.trajectory.velocity, 0.99 * planar.limits.speed)
     fast = replace(sweep.trajectory, velocity=nearly)
     with pytest.raises(PkmError, match=r'would move at \d+\.\d+ m/s; allowed'):

@@ -1,4 +1,4 @@
-"""From a machine that is moved to the file its controllers load, with pictures; and the command that does it."""
+"""Identification of a simulated machine: fits, model file, figures and the verb `pkm identify`."""
 
 import json
 from functools import cache
@@ -81,7 +81,8 @@ def test_errors_lie_within_the_stated_uncertainty():
     assert np.abs(pulls).max() < 4.0
 
 
-def test_belief_that_is_wrong_by_a_fifth_changes_nothing():
+def test_result_does_not_depend_on_the_prior_model():
+    """Prior gain off by 20 %, prior viscosity by 50 %."""
     machine, models, control = parts('planar')
     wrong = {
         joint: model.model_copy(update={'gain': 1.2 * model.gain, 'viscosity': 0.5 * model.viscosity})
@@ -99,7 +100,8 @@ def test_same_records_give_the_same_bits():
     np.testing.assert_array_equal(again.high.modes, found().high.modes)
 
 
-def test_coupling_makes_an_axis_lighter_that_shakes_the_others():
+def test_coupling_lowers_the_effective_mass_of_an_axis():
+    """Below the bandwidth of the other loops the factor is 1; above it, that of floating axes."""
     machine, models, control = parts('four_dof')
     factor = coupling_factor(machine, 0, machine.home, np.array([1.0, 600.0]), models, control)
     M = machine.mass_matrix(machine.home) + np.diag(
@@ -111,7 +113,8 @@ def test_coupling_makes_an_axis_lighter_that_shakes_the_others():
 
 
 @pytest.mark.parametrize('joint', ['d1', 'd3'])
-def test_ordinary_cycles_in_which_all_axes_move_give_gain_and_viscosity(joint):
+def test_ordinary_cycles_give_gain_and_viscosity(joint):
+    """All axes move in a learning run without an excitation."""
     machine, models, control = parts('planar')
     trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
     run = run_cycles(machine, trajectory, control, make_law('fourier_pid', machine, control), 6, seed=1)
@@ -128,7 +131,7 @@ def test_ordinary_cycles_in_which_all_axes_move_give_gain_and_viscosity(joint):
     assert axis.model(7420.0).modes == ()
 
 
-def test_model_file_is_what_controllers_load(tmp_path):
+def test_model_file_loads_with_the_identified_values(tmp_path):
     machine, models, _ = parts('planar')
     path = tmp_path / 'model.yaml'
     written = write_model(path, machine, {'d1': found()}, models, 'a test')
@@ -137,7 +140,7 @@ def test_model_file_is_what_controllers_load(tmp_path):
     assert written['d1'].gain == pytest.approx(found().low.gain, rel=1e-6)
     np.testing.assert_allclose(mode_rows(written['d1'].modes), found().high.modes, rtol=1e-5)
     for line in path.read_text().splitlines()[3:]:
-        assert '#' in line or line.endswith(':'), line  # every value says where it comes from
+        assert '#' in line or line.endswith(':'), line  # every value has its origin
     assert '# K +- ' in path.read_text()
     assert list(read_yaml(path)['joints']) == list(machine.joints)
 
@@ -148,14 +151,14 @@ def test_model_file_that_cannot_be_written_is_refused(tmp_path):
         write_model(tmp_path / 'nowhere' / 'model.yaml', machine, {'d1': found()}, models, 'a test')
 
 
-def test_figures_bear_the_numbers_of_the_thesis(tmp_path):
+def test_figures_are_numbered_as_in_the_thesis(tmp_path):
     draw_identification(tmp_path, parts('planar')[0], {'d1': found()})
     assert sorted(path.name for path in tmp_path.iterdir()) == ['fig_7_11_response_d1.png', 'fig_7_9_moves_d1.png']
 
 
-def test_sweep_alone_is_refused():
+def test_records_without_plain_moves_are_refused():
     machine, models, control = parts('planar')
-    with pytest.raises(IdentificationError, match='d1: no record in which it moves without excitation'):
+    with pytest.raises(IdentificationError, match='d1: no record with moves without excitation'):
         identify_joint(machine, 'd1', records('planar', 'd1')[1:], models, control, band=BAND)
 
 
@@ -187,7 +190,7 @@ def test_verb_writes_model_pictures_and_figures(tmp_path):
         (['--environment', 'mars'], "'mars' is unknown"),
     ],
 )
-def test_verb_refuses_what_cannot_be(options, reason):
+def test_verb_refuses_invalid_options(options, reason):
     app = typer.Typer()
     app.command()(identify)
     with pytest.raises(PkmError, match=reason):

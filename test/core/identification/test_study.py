@@ -1,8 +1,8 @@
 """
-What identification recovers of the simulated machines with every imperfection on, five seeds, all axes.
+Accuracy of the identification on the simulated machines with every imperfection on, five seeds, all axes.
 
 `pytest -m slow -s test/core/identification/test_study.py` prints the table of docs/identification.md. The truth is read
-here only, to compare with.
+only for the comparison.
 """
 
 from functools import cache
@@ -53,7 +53,7 @@ def errors(name, joint, found, environment='nominal', machine=None):
 
 
 def check(name, joint, found, environment='nominal', low=2.0, outside=20.0):
-    """Judge K and a by `low`, frequencies by 1, dampings by 20, `outside` the band of the sweeps; all in per cent."""
+    """Check K and a to `low`, frequencies to 1, dampings to 20 (`outside` out of the swept band); all in per cent."""
     gain, viscosity, modes = errors(name, joint, found, environment)
     assert abs(gain) < low
     assert abs(viscosity) < low
@@ -76,7 +76,7 @@ def test_every_axis_is_recovered_with_five_seeds(name, joint):
 @pytest.mark.slow
 @pytest.mark.parametrize('name', JOINTS)
 def test_axes_of_unknown_machines_are_recovered(name):
-    """Thrust off by up to 20 %, resonances by 5 %, dampings by 0.6 to 1.5, another friction than believed."""
+    """Thrust differs by up to 20 %, resonances by 5 %, dampings by a factor of 0.6 to 1.5, and so does friction."""
     for number in range(5):
         with random_machine(load_machine(name), (7, number)) as machine:
             for joint in JOINTS[name]:
@@ -93,12 +93,14 @@ def test_every_axis_is_recovered_on_the_worn_machine(name, joint):
 
 @pytest.mark.slow
 def test_stated_uncertainty_covers_the_errors():
-    """Over seeds the errors of in-band modes are within the stated deviations as often as they should be."""
+    """Over eight seeds the rms error of in-band modes is below 2 stated deviations."""
     pulls = []
     true = mode_rows(load_truth(machine_parts('planar')[0], 'nominal')[0].axes['d1'].modes)
     for seed in range(1, 9):
         high = identified('planar', 'd1', seed).high
-        pulls.append(((high.modes - true) / high.deviations)[:, :3])  # d1's 2nd zero leans on the plant's own step
+        pulls.append(
+            ((high.modes - true) / high.deviations)[:, :3]
+        )  # not d1's second zero: it depends on the plant's own step
     assert np.sqrt(np.mean(np.square(pulls))) < 2.0
 
 

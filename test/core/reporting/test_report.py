@@ -1,4 +1,4 @@
-"""Report: figures that follow from the bags, the thesis's beside them, on a page that needs nothing beside itself."""
+"""Report: figures computed from the bags, with those of the thesis, on a self-contained page."""
 
 import json
 import re
@@ -23,7 +23,7 @@ FIGURES = {'error_over_cycles', 'tracking', 'pose_tracking', 'error', 'spectrum'
 
 @pytest.fixture(scope='module')
 def make_run(start_recording_in, make_cycle):
-    """Return a function that writes a run of two cycles whose error falls to a tenth, as `pkm run` leaves it."""
+    """Return a function that writes a run of two cycles in the format of `pkm run`; the error falls to a tenth."""
 
     def make(folder, machine='four_dof', laser=False):
         for number, amplitude in ((1, 20e-6), (2, 2e-6)):
@@ -41,7 +41,7 @@ def make_run(start_recording_in, make_cycle):
 
 
 def measure(recording):
-    """Let a laser see, every 0.8 ms, the wanted pose and 3 um, in phi 3 um on `ARM`, from the first move on."""
+    """Record a laser sample every 0.8 ms: the reference pose, less 3 um (phi: 3 um on `ARM`) from the first move."""
     poses = recording.cycle.poses
     for number in range(250):
         time = number * 0.8e-3
@@ -51,7 +51,7 @@ def measure(recording):
 
 
 class Page(HTMLParser):
-    """What a browser would see and load."""
+    """Tags, links and table cells of a page."""
 
     def __init__(self, path):
         super().__init__()
@@ -93,22 +93,22 @@ def page(report):
     return Page(report[0] / 'report.html')
 
 
-def test_page_needs_nothing_beside_itself(report, page):
+def test_page_is_self_contained(report, page):
     assert not {'script', 'link', 'iframe', 'object'} & set(page.tags)
     assert all(link.startswith(('data:image/svg+xml;base64,', '#')) for link in page.links)
     assert page.tags.count('img') == len(FIGURES)
     text = (report[0] / 'report.html').read_text()
     assert not re.search(r'url\(|@import', text)
-    assert len(text) < 3e6, 'a page that can be mailed'
+    assert len(text) < 3e6, 'size fit for e-mail'
 
 
-def test_every_figure_is_a_png_beside_the_page(report):
+def test_every_figure_is_also_written_as_png(report):
     pngs = {path.stem: path for path in report[0].glob('*.png')}
     assert set(pngs) == FIGURES
     assert all(path.read_bytes().startswith(b'\x89PNG') for path in pngs.values())
 
 
-def test_figures_are_those_of_the_bags(report, make_cycle):
+def test_figures_are_computed_from_the_bags(report, make_cycle):
     _, _, figures = report
     cycle = make_cycle('four_dof', 20e-6)
     moves = (cycle.joints.move_starts, cycle.joints.move_ends, 5e-4)
@@ -118,7 +118,7 @@ def test_figures_are_those_of_the_bags(report, make_cycle):
     assert first['cycles'][0] == {'cycle': 1, 'axes': ours}
 
 
-def test_two_runs_and_the_thesis_stand_side_by_side(page, make_cycle):
+def test_tables_compare_two_runs_and_the_thesis(page, make_cycle):
     ours = [f'{run}, cycle {cycle}' for run in ('first', 'second') for cycle in (1, 2)]
     theirs = ['thesis, computed torque', 'thesis, robust', 'thesis, robust learning']
     assert ['', 'axis', *ours, *theirs] in page.cells
@@ -129,7 +129,7 @@ def test_two_runs_and_the_thesis_stand_side_by_side(page, make_cycle):
     assert ['seed', '7', '7'] in page.cells
 
 
-def test_bag_that_is_cut_or_damaged_is_left_out_and_named(report):
+def test_incomplete_bag_is_omitted_with_a_remark(report):
     folder, runs, figures = report
     assert [record.cycle for record in runs[0].records] == [1, 2]
     ends, killed = figures['runs'][0]['remarks']
@@ -138,10 +138,10 @@ def test_bag_that_is_cut_or_damaged_is_left_out_and_named(report):
     assert 'short_0003: ends after 100 of 400 ticks' in (folder / 'report.html').read_text()
 
 
-def test_laser_tells_the_end_point_from_its_own_clock(report, page):
+def test_laser_figures_use_the_clock_of_the_laser(report, page):
     _, runs, figures = report
     for axis in figures['runs'][0]['laser'][1].values():
-        assert axis['steady_state_error_um'] == pytest.approx(3.0, abs=1e-6), 'its datum counts for nothing'
+        assert axis['steady_state_error_um'] == pytest.approx(3.0, abs=1e-6), 'independent of its datum'
         assert axis['settling_5um_ms'] == 0.0
         assert axis['settling_1um_ms'] is None
     histories = laser_histories(runs[0].records[1])
@@ -151,7 +151,8 @@ def test_laser_tells_the_end_point_from_its_own_clock(report, page):
     assert 'laser' not in figures['runs'][1]
 
 
-def test_verb_writes_beside_the_run_and_the_same_page_again(make_run, tmp_path, capsys):
+def test_verb_writes_a_reproducible_page(make_run, tmp_path, capsys):
+    """By default into the folder of the run; a second page has the same bytes."""
     folder = make_run(tmp_path / 'run', 'planar')
     verb(folder, compare=None, out=None, json_file=tmp_path / 'figures.json')
     assert str(folder / 'report' / 'report.html') in capsys.readouterr().out.replace('\n', '')
@@ -160,7 +161,7 @@ def test_verb_writes_beside_the_run_and_the_same_page_again(make_run, tmp_path, 
     assert (folder / 'report' / 'report.html').read_bytes() == (tmp_path / 'again' / 'report.html').read_bytes()
 
 
-def test_runs_of_the_same_name_are_told_apart(make_run, tmp_path):
+def test_runs_with_equal_folder_names_are_named_by_path(make_run, tmp_path):
     folders = [make_run(tmp_path / name / 'run', 'planar') for name in 'ab']
     assert [run.name for run in read_runs(folders)] == [str(folder) for folder in folders]
 
@@ -170,13 +171,13 @@ def test_end_point_is_the_forward_kinematics_of_the_encoders(make_run, tmp_path)
     histories = end_point_histories(run.records[0], run.machine)
     assert histories.names == ('x', 'y', 'z', 'phi')
     assert np.array_equal(histories.measured, run.machine.forward(run.records[0].position))
-    # to first order the Jacobian carries joint errors to the pose; 80 um over 100 mm leave 1e-3 of them to second order
+    # the Jacobian maps joint errors to the pose to first order; 80 um over 100 mm give second-order terms of 1e-3
     jacobian = run.machine.jacobian(run.records[0].position)
     expected = np.einsum('kij,kj->ki', jacobian, run.records[0].error) * [1.0, 1.0, 1.0, ARM]
     assert histories.error == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
 
 
-def test_move_has_the_metrics_of_its_own_stretch(make_run, tmp_path):
+def test_metrics_of_a_move_end_with_its_rest(make_run, tmp_path):
     record = read_run(make_run(tmp_path)).records[0]
     for axis, metrics in joint_histories(record).metrics_of_moves().items():
         error = record.error[:, record.joints.index(axis)]
@@ -185,7 +186,7 @@ def test_move_has_the_metrics_of_its_own_stretch(make_run, tmp_path):
         assert metrics[1] == axis_metrics(error[second:], [0], record.move_ends[1:] - second, 5e-4)
 
 
-def test_facts_that_all_bags_share_are_facts_of_the_run(start_recording_in, tmp_path):
+def test_facts_equal_in_all_bags_are_facts_of_the_run(start_recording_in, tmp_path):
     for number in (1, 2):
         facts = {'machine': 'four_dof', 'git_revision': '0123abc', 'cycle': str(number)}
         recording = start_recording_in(tmp_path, number=number, metadata=facts)
@@ -197,14 +198,14 @@ def test_facts_that_all_bags_share_are_facts_of_the_run(start_recording_in, tmp_
 def test_folder_without_a_run_is_refused(make_run, start_recording_in, tmp_path):
     with pytest.raises(PkmError, match='nowhere: no such folder'):
         read_run(tmp_path / 'nowhere')
-    with pytest.raises(PkmError, match='has no whole cycle in 0 bags'):
+    with pytest.raises(PkmError, match='no complete cycle in 0 bags'):
         read_run(tmp_path)
     folder = make_run(tmp_path / 'run')
     (folder / 'results.json').write_text('{')
     with pytest.raises(PkmError, match=r'results\.json: cannot be read as the results of a run'):
         read_run(folder)
     (folder / 'results.json').unlink()
-    with pytest.raises(PkmError, match=r'neither results\.json nor the bags say which machine'):
+    with pytest.raises(PkmError, match=r'neither results\.json nor the bags name the machine'):
         read_run(folder)
     recording = start_recording_in(folder / 'bags', number=3, motion='other')
     recording.ticks()
@@ -213,12 +214,12 @@ def test_folder_without_a_run_is_refused(make_run, start_recording_in, tmp_path)
         read_run(folder)
 
 
-def test_report_that_cannot_be_written_is_refused(make_run, tmp_path):
+def test_unwritable_report_folder_is_refused(make_run, tmp_path):
     with pytest.raises(PkmError, match='/proc/nowhere: cannot be written'):
         write_report([make_run(tmp_path)], '/proc/nowhere')
 
 
-def test_spectrum_shows_a_sine_as_its_amplitude(write_bag, make_cycle):
+def test_spectrum_has_the_power_and_peak_of_the_error(write_bag, make_cycle):
     record = read_cycle(write_bag(make_cycle(offset=1e-6)))
     frequency, amplitude = amplitude_spectrum(record.error, record.sample_time)
     assert frequency[-1] == 1000.0
@@ -230,7 +231,7 @@ def test_spectrum_shows_a_sine_as_its_amplitude(write_bag, make_cycle):
 
 
 @pytest.mark.parametrize('table', [*JOINT_SPACE.values(), *END_POINT.values()])
-def test_table_of_the_thesis_has_a_cell_for_every_column(table):
+def test_thesis_table_has_a_cell_for_every_column(table):
     axes = {quantity: list(values) for quantity, values in table.values.items()}
     assert len(set(map(tuple, axes.values()))) == 1
     assert all(len(row) == len(table.columns) for values in table.values.values() for row in values.values())

@@ -1,4 +1,4 @@
-"""Definitions of ROS messages without ROS: those installed here, and those a bag carries with it."""
+"""Definitions of ROS messages without ROS: the installed ones, and those stored in a bag."""
 
 from functools import cache
 
@@ -24,7 +24,7 @@ def typestore():
 
 
 def types_of(schemas):
-    """Return the message types that the MCAP `schemas` of a bag define; they may be older than those installed."""
+    """Return the message types defined by the MCAP `schemas` of a bag; they may be older than the installed ones."""
     return _types(frozenset((schema.name, schema.data) for schema in schemas))
 
 

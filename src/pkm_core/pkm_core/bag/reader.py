@@ -1,7 +1,7 @@
 """
-Reads bags without ROS: rosbag2 folders of MCAP files and a metadata.yaml, as bag_writer.py makes them.
+Reads bags without ROS: rosbag2 folders of MCAP files and a metadata.yaml, as written by writer.py.
 
-Messages carry the simulated time of their tick.
+The time of a message is the simulated time of its tick.
 """
 
 import struct
@@ -21,20 +21,20 @@ from zstandard import ZstdError
 from pkm_core.bag.message_types import types_of
 from pkm_core.errors import BagError
 
-# the ways in which a damaged file shows; the checksums of its chunks turn most into a ValueError
+# errors raised for a damaged file; a wrong checksum of a chunk is a ValueError
 DAMAGE = (McapError, SerdeError, TypesysError, ZstdError, struct.error, ValueError, KeyError)
 
 
 @contextmanager
 def damage_refused(file, advice=''):
-    """Turn whatever an unreadable or damaged `file` makes its readers raise into one `BagError`."""
+    """Convert the errors of the readers for an unreadable or damaged `file` into a `BagError`."""
     try:
         yield
     except BagError:
         raise
     except OSError as error:
         raise BagError(f'{file}: cannot be read: {error.strerror}') from None
-    except (AttributeError, *DAMAGE) as error:  # AttributeError: there is no summary, or no schema
+    except (AttributeError, *DAMAGE) as error:  # AttributeError: the summary or a schema is missing
         raise BagError(f'{file}: cannot be read as a bag: {_reason(error)}{advice}') from None
 
 
@@ -46,15 +46,15 @@ def _reader(file, bag):
 
 
 def _reason(error):
-    """Return what `error` says, in one line."""
+    """Return the text of `error` in one line."""
     return ' '.join(str(error).split()) or type(error).__name__
 
 
 def read_metadata(path):
-    """Return what metadata.yaml says of the bag folder `path`."""
+    """Return the content of metadata.yaml of the bag folder `path`."""
     file = Path(path) / 'metadata.yaml'
     if not file.exists() and any(Path(path).glob('*.mcap')):
-        raise BagError(f'{path}: has no metadata.yaml, as when its recorder was killed; try: pkm bag-doctor {path}')
+        raise BagError(f'{path}: has no metadata.yaml (the recorder was killed); try: pkm bag-doctor {path}')
     try:
         return yaml.load(file.read_text(encoding='utf-8'), yaml.CSafeLoader)['rosbag2_bagfile_information']
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
@@ -62,7 +62,7 @@ def read_metadata(path):
 
 
 def bag_files(path):
-    """Return the MCAP files of the bag folder `path`, oldest first, or `path` if it is a file; `BagError` otherwise."""
+    """Return the MCAP files of the bag folder `path`, oldest first, or `path` if it is a file; else `BagError`."""
     path = Path(path)
     if path.is_file():
         return [path]
@@ -71,12 +71,12 @@ def bag_files(path):
     files = list(path.glob('*.mcap'))
     if len(files) == 1:
         return files
-    # a bag that was split: NAME_0.mcap, NAME_1.mcap, ...
+    # a split bag: NAME_0.mcap, NAME_1.mcap, ...
     stems = {file.stem.rpartition('_')[0] for file in files}
     named = [path / f'{stem}_{number}.mcap' for stem in stems for number in range(len(files))]
     if len(stems) != 1 or set(named) != set(files):
         raise BagError(
-            f'{path}: is no bag of this cell: has {len(files)} MCAP files; expected 1, or NAME_0.mcap, NAME_1.mcap, ...'
+            f'{path}: not a bag of this cell: has {len(files)} MCAP files; expected 1, or NAME_0.mcap, NAME_1.mcap, ...'
         )
     return named
 
@@ -85,12 +85,12 @@ def raw_messages(path, topics=None):
     """
     Yield (topic, message type, serialized bytes, time [ns]) of the bag `path`, oldest first, for `topics` or all.
 
-    Messages of the same time come in the order in which they were recorded.
+    Messages of the same time are in the order of recording.
 
     Raises
     ------
     BagError
-        If `path` is no bag or cannot be read.
+        If `path` is not a bag or cannot be read.
 
     """
     per_file = [_file_messages(file, path, topics) for file in bag_files(path)]
@@ -112,17 +112,17 @@ def read_topics(path, topics=None):
     path : Path
         Folder of the bag, or its MCAP file.
     topics : iterable of str, optional
-        Which; all that have messages by default.
+        Topics to read; by default all with messages.
 
     Returns
     -------
     messages : dict of str to list
-        Deserialized messages by topic; an empty list where a topic that was asked for has none.
+        Deserialized messages by topic; an empty list for a requested topic without messages.
 
     Raises
     ------
     BagError
-        If `path` is no bag or cannot be read.
+        If `path` is not a bag or cannot be read.
 
     """
     messages, schemas = {topic: [] for topic in topics or ()}, {}
@@ -137,5 +137,5 @@ def read_topics(path, topics=None):
 
 
 def column(messages, field):
-    """Return one field of `messages` as an array, a row a message."""
+    """Return one field of `messages` as an array, one row per message."""
     return np.array([getattr(message, field) for message in messages])

@@ -1,7 +1,7 @@
 """
-Repair of a bag whose recorder was killed: its MCAP file ends anywhere, without a summary and without metadata.yaml.
+Repair of a bag whose recorder was killed: its MCAP file is truncated, without a summary and without metadata.yaml.
 
-Every chunk that is whole, by its length and its checksum, goes into a new bag beside the old one.
+Every intact chunk, by length and checksum, is copied to a new bag next to the old one.
 """
 
 import json
@@ -26,17 +26,17 @@ _ENDED = (2, 4)  # CycleEvent.FINISHED and FAULT
 
 @dataclass(frozen=True)
 class Repair:
-    """What a repair has saved and what it could not."""
+    """Result of a repair."""
 
     path: Path  # folder of the new bag
     saved: dict[str, int]  # messages by topic
-    missing: dict[str, list[tuple[int, int]]]  # by topic of the servo tick: first and last of the ticks not saved
+    missing: dict[str, list[tuple[int, int]]]  # by topic of the servo tick: (first, last) of the ticks not saved
     damaged_chunks: int  # of the right length, with a wrong checksum
     lost_bytes: int  # of the file, after its last whole record
 
 
 class _Salvage:
-    """What is whole in the MCAP `files` of one bag."""
+    """Intact content of the MCAP `files` of one bag."""
 
     def __init__(self, files):
         self.metadata = {}
@@ -56,12 +56,12 @@ class _Salvage:
                     end = stream.tell()
                     self._take(record)
             except DAMAGE:
-                pass  # here ends what is whole
+                pass  # end of the intact records
         self.lost_bytes += file.stat().st_size - end
 
     @cached_property
     def types(self):
-        """The message types as the file defines them."""
+        """The message types defined in the file."""
         return types_of(self._schemas.values())
 
     @cached_property
@@ -79,7 +79,7 @@ class _Salvage:
             for inner in content:
                 self._take(inner)
         elif isinstance(record, Schema):
-            self._schemas.setdefault(record.id, record)  # those of the summary have no checksum
+            self._schemas.setdefault(record.id, record)  # the copies in the summary have no checksum
         elif isinstance(record, Channel):
             self._channels.setdefault(record.id, record)
         elif isinstance(record, Message):
@@ -104,7 +104,7 @@ class _Salvage:
 
 def repair(path):
     """
-    Save what is whole in the bag `path` into a new bag beside it; `path` itself stays as it is.
+    Copy the intact chunks of the bag `path` to a new bag PATH_repaired; `path` itself is not changed.
 
     Parameters
     ----------
@@ -114,12 +114,12 @@ def repair(path):
     Returns
     -------
     repair : Repair or None
-        None if the bag is whole.
+        None if the bag is intact.
 
     Raises
     ------
     BagError
-        If it is no bag of this project, nothing in it is whole, or the new bag exists or cannot be written.
+        If `path` is not a bag of this cell, has no intact chunk, or the new bag exists or cannot be written.
 
     """
     path = Path(path).resolve()
@@ -127,11 +127,11 @@ def repair(path):
     found = _Salvage(files)
     with damage_refused(files[-1]):
         if 'pkm' not in found.metadata:
-            raise BagError(f"{files[-1]}: is no bag of this cell: has no MCAP metadata record 'pkm'")
+            raise BagError(f"{files[-1]}: not a bag of this cell: has no MCAP metadata record 'pkm'")
         if _is_whole(path):
             return None
         if not found.messages():
-            raise BagError(f'{files[-1]}: holds no whole chunk of messages; nothing can be saved')
+            raise BagError(f'{files[-1]}: has no intact chunk of messages; nothing can be saved')
         encoders, commands = found.read('EncoderSample'), found.read('MotorCommand')
         planned = _planned_ticks(found, encoders, commands)
     there = {topic: {m.tick for m in messages} for topic, messages in (encoders | commands).items()}
@@ -151,7 +151,7 @@ def repair(path):
 def _write(target, found, expected, name):
     """Write the new bag."""
     if target.exists():
-        raise BagError(f'{target}: exists; nothing is overwritten')
+        raise BagError(f'{target}: exists and is not overwritten')
     try:
         writer = BagWriter(target, found.topics, found.metadata['pkm'], found.types)
         for message in found.messages():
@@ -170,7 +170,7 @@ def _is_whole(path):
 
 
 def _planned_ticks(found, encoders, commands):
-    """Return the ticks each topic of the servo tick must have: to the end the cycle had, else to its planned end."""
+    """Return {topic of the servo tick: its ticks} up to the end of the cycle or, without an event, its planned end."""
     running = [m for samples in encoders.values() for m in samples if m.mode == _RUN]
     trajectories = [m for messages in found.read('SampledTrajectory').values() for m in messages]
     if not running or not trajectories:
@@ -184,7 +184,7 @@ def _planned_ticks(found, encoders, commands):
 
 
 def _ranges(ticks):
-    """Return (first, last) of every run of consecutive numbers in the sorted list `ticks`."""
+    """Return (first, last) of every range of consecutive numbers in the sorted list `ticks`."""
     starts = [tick for i, tick in enumerate(ticks) if i == 0 or ticks[i - 1] != tick - 1]
     ends = [tick for i, tick in enumerate(ticks) if i == len(ticks) - 1 or ticks[i + 1] != tick + 1]
     return list(zip(starts, ends, strict=True))

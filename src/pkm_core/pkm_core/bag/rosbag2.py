@@ -1,8 +1,8 @@
 """
-What rosbag2 of Jazzy writes around the messages of a bag: metadata.yaml version 9 and the facts of a topic's channel.
+Metadata of a bag in the format of rosbag2 Jazzy: metadata.yaml version 9, and the metadata of a topic's channel.
 
-Keys, their order and their words are those of its sources: rosbag2_storage's yaml.hpp and qos.cpp, and
-rosbag2_storage_mcap's mcap_storage.cpp, branch jazzy at 64717ee.
+Keys, order and values follow its sources: yaml.hpp and qos.cpp of rosbag2_storage, and mcap_storage.cpp of
+rosbag2_storage_mcap, branch jazzy at 64717ee.
 """
 
 from functools import cache
@@ -13,7 +13,7 @@ import yaml
 _FOREVER = {'sec': 9223372036, 'nsec': 854775807}  # RMW_DURATION_INFINITE
 # starting_time of a bag without messages
 NEVER = 2**63 - 1
-# What the topics of the cell are offered with, as a recorder sees it: DDS tells nobody history and depth of a writer.
+# QoS of the cell's topics as seen by a recorder; DDS does not announce a writer's history or depth
 _QOS = {
     'history': 'unknown',
     'depth': 0,
@@ -31,20 +31,20 @@ class FileFacts(NamedTuple):
     """One file of a bag."""
 
     name: str  # within the folder
-    start: int  # time of the oldest message [ns], NEVER without one
-    duration: int  # from there to the newest [ns]
+    start: int  # time of the oldest message [ns]; NEVER without messages
+    duration: int  # from the oldest to the newest message [ns]
     messages: int
 
 
-class _NoAliases(yaml.CSafeDumper):  # the one in Python takes as long as a third of a cycle
-    """Writes what stands twice twice; rosbag2's reader knows no aliases."""
+class _NoAliases(yaml.CSafeDumper):  # the Python dumper takes a third of the time of a cycle
+    """Writes repeated content in full; rosbag2's reader does not support aliases."""
 
     def ignore_aliases(self, data):
         return True
 
 
 def dump(data):
-    """Return `data` as YAML text, keys in their order."""
+    """Return `data` as YAML text with its order of keys."""
     return yaml.dump(data, Dumper=_NoAliases, sort_keys=False)
 
 
@@ -61,7 +61,7 @@ def bag_information(files, topics, *, custom_data):
     Parameters
     ----------
     files : list of FileFacts
-        Its MCAP files in their order.
+        MCAP files in order.
     topics : list of (str, str, str, int)
         Name, message type, RIHS01 hash of the type and number of messages.
     custom_data : dict of str to str
@@ -89,7 +89,7 @@ def bag_information(files, topics, *, custom_data):
             }
             for name, kind, type_hash, count in topics
         ],
-        'compression_format': '',  # of rosbag2's own compression; the chunks of the file are MCAP's business
+        'compression_format': '',  # rosbag2's own compression is not used; MCAP compresses its chunks
         'compression_mode': '',
         'relative_file_paths': [file.name for file in files],
         'files': [

@@ -1,8 +1,8 @@
 """
 Writes a bag: a rosbag2 folder of one MCAP file, or of several if it is split, and a metadata.yaml.
 
-Chunks of 64 KiB at most go to the operating system one by one, so a recorder that is killed, or whose disk is full,
-loses at most the one it was filling; `pkm bag-doctor` makes a whole bag of the rest.
+Each chunk of at most 64 KiB is passed to the operating system when it is full. A killed recorder or a full disk
+therefore loses at most one chunk; `pkm bag-doctor` recovers the others.
 """
 
 import sys
@@ -27,7 +27,7 @@ from pkm_core.bag.rosbag2 import NEVER, FileFacts, bag_information, channel_fact
 from pkm_core.errors import BagError
 
 CHUNK_BYTES = 64 * 1024
-# what a message takes in a chunk beside its data: opcode and length, channel, sequence and two times
+# bytes of a message in a chunk in addition to its data: opcode and length, channel, sequence and two times
 _MESSAGE_OVERHEAD = RECORD_HEAD + 22
 
 
@@ -42,9 +42,9 @@ class BagWriter:
     topics : dict of str to str
         Message type by topic, e.g. ``{'/pkm/d1/encoder': 'pkm_interfaces/msg/EncoderSample'}``.
     metadata : dict of str to str
-        Facts about the recording that are known now: record `pkm` of every MCAP file, custom data of metadata.yaml.
+        Facts known at the start: record `pkm` of every MCAP file, and custom data of metadata.yaml.
     types : Typestore, optional
-        Where the types are defined; those installed by default.
+        Definitions of the types; by default the installed ones.
 
     Attributes
     ----------
@@ -60,14 +60,14 @@ class BagWriter:
         self.path = Path(path)
         self._topics, self._metadata = topics, metadata
         self.counts = Counter()
-        self._closed = []  # FileFacts of the files that are finished
+        self._closed = []  # FileFacts of the finished files
         self.path.mkdir(parents=True)
         self._begin_file()
 
     def _begin_file(self):
         self._file = self.path / f'{self.path.name}_{len(self._closed)}.mcap'
         self._stream = self._file.open('wb')
-        # chunks end where `_flush` ends them: one that the writer ended by itself would stay in the stream's buffer
+        # only `_flush` ends chunks: one ended by the writer itself would stay in the stream's buffer
         self._writer = BlockWriter(self._stream, chunk_size=sys.maxsize, compression=CompressionType.ZSTD)
         self._writer.start(profile='ros2', library='pkm_core')
         schemas = {kind: self._writer.register_schema(kind, 'ros2msg', text) for kind, text in self._schemas.items()}
@@ -81,7 +81,7 @@ class BagWriter:
         self._cut = False
 
     def _flush(self):
-        """End the chunk and hand it to the operating system, which keeps it whatever happens to this process."""
+        """End the chunk and pass it to the operating system, which keeps it if this process is killed."""
         self._writer.flush()
         self._unsaved, self._cut = 0, True
 
@@ -90,7 +90,7 @@ class BagWriter:
         self.write_block(topic, np.frombuffer(data, np.uint8)[np.newaxis], np.array([time]))
 
     def write_block(self, topic, messages, times):
-        """Add serialized messages of equal size, a row of the (n, size) array of bytes each, at `times` (n,) [ns]."""
+        """Add serialized messages of equal size, the rows of an (n, size) array of bytes, at `times` (n,) [ns]."""
         size = _MESSAGE_OVERHEAD + messages.shape[1]
         while len(messages):
             fitting = -(-(CHUNK_BYTES - self._unsaved) // size)  # a chunk ends with the message that fills it
@@ -103,13 +103,13 @@ class BagWriter:
             messages, times = messages[fitting:], times[fitting:]
 
     def keep_together(self):
-        """Hand over all that was written since the last call if a part of it has been: topics end at the same tick."""
+        """Flush if a chunk has ended since the last call, so that all topics on disk end at the same tick."""
         if self._cut and self._unsaved:
             self._flush()
         self._cut = False
 
     def split(self):
-        """Finish the file and go on in a new one of the same bag."""
+        """Finish the file and continue in a new file of the same bag."""
         self._finish_file({})
         self._begin_file()
 
@@ -120,12 +120,12 @@ class BagWriter:
         Parameters
         ----------
         facts : dict of str to str
-            What is known only now: record `pkm_end` of the last MCAP file, and custom data of metadata.yaml too.
+            Facts known at the end: record `pkm_end` of the last MCAP file, and custom data of metadata.yaml.
 
         Raises
         ------
         BagError
-            If a file does not hold every message that was written, or a chunk of it is damaged.
+            If a file lacks a written message, or one of its chunks is damaged.
 
         """
         self._writer.add_metadata('pkm_end', facts)
@@ -136,12 +136,12 @@ class BagWriter:
         (self.path / 'metadata.yaml').write_text(text, encoding='utf-8')
 
     def abandon(self):
-        """Let go of the file after a failure; what has been handed to the operating system stays."""
-        with suppress(OSError):  # what failed before fails again
+        """Close the file after a failure; chunks passed to the operating system are kept."""
+        with suppress(OSError):  # the buffered data may fail again
             self._stream.close()
 
     def _finish_file(self, facts):
-        """Finish the file, read it back and return what it says of itself, as YAML."""
+        """Finish the file, read it back and return its metadata as YAML."""
         counts = self.counts - self._before
         start, end = self._writer.span() if counts else (NEVER, NEVER)
         done = FileFacts(self._file.name, start, end - start, counts.total())
@@ -165,7 +165,7 @@ def _definition(types, kind):
 
 
 def _verify(file, counts):
-    """Read the MCAP file `file` back: every chunk has its checksum, and the summary tells of `counts` by channel."""
+    """Read the MCAP file `file` back; raise `BagError` on a wrong checksum or other `counts` by channel."""
     unpack = zstandard.ZstdDecompressor()
     with damage_refused(file), file.open('rb') as stream:
         summary = SeekingReader(stream, record_size_limit=file.stat().st_size).get_summary()
@@ -174,7 +174,7 @@ def _verify(file, counts):
             chunk = Chunk.read(ReadDataStream(stream))
             content = unpack.decompress(chunk.data, max_output_size=chunk.uncompressed_size)
             if zlib.crc32(content) != chunk.uncompressed_crc:
-                raise BagError(f'{file}: a chunk that was written is damaged')
+                raise BagError(f'{file}: a written chunk is damaged: wrong checksum')
     held = {channel: count for channel, count in summary.statistics.channel_message_counts.items() if count}
     if held != counts:
         raise BagError(f'{file}: holds {sum(held.values())} messages; {sum(counts.values())} were written')

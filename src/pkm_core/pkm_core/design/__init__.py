@@ -1,1 +1,1 @@
-"""Design tools: chapters 3 and 4 of the thesis and what a designer asks next."""
+"""Design tools: chapters 3 and 4 of the thesis, error budget and calibration."""

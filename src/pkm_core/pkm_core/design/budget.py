@@ -1,7 +1,7 @@
 """
-Error budget: what each source of error does to the end point, to first order, and which ones matter.
+Error budget: first-order effect of each source of error on the end point, ranked.
 
-A source is one random number, drawn once a machine or at every pose; what it does to links, marks and belts is linear.
+A source is one random number, drawn once per machine or once per pose. Its effect on links, marks and belts is linear.
 """
 
 from dataclasses import dataclass
@@ -24,11 +24,11 @@ class Source:
     name, group : str
         E.g. 'l2', 'link lengths'.
     spread : Spread
-        Of its random number.
+        Distribution of its random number.
     each_pose : bool
-        Whether it is drawn anew at every pose, or once a machine.
+        Whether it is drawn once per pose; otherwise once per machine.
     effect : dict
-        {name of a specimen's error: what one unit of the source adds to it}, numbers or arrays (poses,).
+        {name of a specimen's error: error per unit of the source}, numbers or arrays (poses,).
 
     """
 
@@ -73,13 +73,13 @@ def sources(machine, tolerances, q):
 
 
 class LinearBudget(NamedTuple):
-    """First-order budget at some poses; the last axis is that of the machine's coordinates [m, rad]."""
+    """First-order budget at given poses; the last axis is that of the machine's coordinates [m, rad]."""
 
     sources: tuple  # of Source
-    deviations: np.ndarray  # (sources, poses, m): standard deviation that each source alone gives
+    deviations: np.ndarray  # (sources, poses, m): standard deviation due to each source alone
 
     def total(self):
-        """Return the standard deviation (poses, m) of all together."""
+        """Return the standard deviation (poses, m) of all sources together."""
         return np.sqrt(np.sum(self.deviations**2, axis=0))
 
     def shares(self):

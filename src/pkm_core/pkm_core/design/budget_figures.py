@@ -1,4 +1,4 @@
-"""Pictures of an error budget: distribution, contributions, map over what the machine reaches."""
+"""Figures of an error budget: distribution, contributions, map over the workspace."""
 
 import numpy as np
 from scipy.stats import binned_statistic_2d
@@ -10,12 +10,12 @@ from pkm_core.plotting import new_figure, save
 
 
 def draw_distribution(folder, machine, budget, found):
-    """Write the histograms of a `Distribution` over the normal mixture that the `LinearBudget` expects."""
+    """Write the histograms of a `Distribution` with the normal mixture predicted by the `LinearBudget`."""
     names = machine.coordinates
     figure = new_figure(3.4 * len(names), 3.6)
     for i, (axes, (factor, unit)) in enumerate(zip(figure.subplots(1, len(names)), units(machine), strict=True)):
         edges = factor * found.edges[:, i]
-        coarse = found.counts[:, i].reshape(-1, 20).sum(axis=1)  # a two-hundredth of the span
+        coarse = found.counts[:, i].reshape(-1, 20).sum(axis=1)  # 200 bins over the span
         axes.stairs(
             coarse / coarse.sum() / (edges[20] - edges[0]), edges[::20], fill=True, alpha=0.5, label='simulated'
         )
@@ -30,7 +30,7 @@ def draw_distribution(folder, machine, budget, found):
 
 
 def draw_contributions(folder, machine, budget):
-    """Write what each source alone gives, as bars, the largest on top."""
+    """Write a bar chart of the standard deviation due to each source alone, largest on top."""
     rows = budget.source_deviations()
     figure = new_figure(3.2 * len(machine.coordinates), 0.28 * len(rows) + 1.0)
     panels = figure.subplots(1, len(machine.coordinates), sharey=True)

@@ -1,8 +1,8 @@
 """
-Error budget by simulation: thousands of machines built and measured at some poses, here or on a dask cluster.
+Error budget by simulation of thousands of machines at given poses, in this process or on a dask cluster.
 
-Machines come in blocks, each with its own seed spawned from the study's and summed up by itself. The sums are added in
-the order of the blocks, so the result has the same bits however the blocks were spread over processes and hosts.
+Machines are simulated in blocks, each with its own seed spawned from that of the study. The sums of the blocks are
+added in order, so the result has the same bits for every distribution of blocks over processes and hosts.
 """
 
 import asyncio
@@ -14,22 +14,22 @@ from pkm_core.design.budget import linear_budget, sources
 from pkm_core.design.specimen import end_point
 from pkm_core.errors import PkmError
 
-MACHINES_A_BLOCK = 2000  # part of what a seed means
+MACHINES_A_BLOCK = 2000  # the result for a seed depends on it
 _BINS = 4000
-_SPAN = 10.0  # of the histograms, in largest linear standard deviations to either side
+_SPAN = 10.0  # half width of the histograms [largest linear standard deviation]
 
 
 class Distribution(NamedTuple):
-    """What many machines do; the last axis is that of the machine's coordinates [m, rad]."""
+    """Errors of many machines; the last axis is that of the machine's coordinates [m, rad]."""
 
     machines: int
     mean: np.ndarray  # (poses, m) of the error
     deviation: np.ndarray  # (poses, m)
     edges: np.ndarray  # (bins + 1, m) of the histograms
-    counts: np.ndarray  # (bins, m) of errors over all machines and poses; what lies beyond is in the outer bins
+    counts: np.ndarray  # (bins, m) of errors over all machines and poses; the outer bins hold the errors beyond
 
     def quantile(self, share):
-        """Return the size (m,) of error that `share` of all machines and poses keep below, to a bin's width."""
+        """Return the absolute error (m,) not exceeded by `share` of all machines and poses, to a bin's width."""
         below = np.cumsum(self.counts[_BINS // 2 :] + self.counts[_BINS // 2 - 1 :: -1], axis=0)
         index = np.argmax(below >= share * below[-1], axis=0)
         return np.take_along_axis(self.edges[_BINS // 2 + 1 :], index[np.newaxis], axis=0)[0]
@@ -54,7 +54,7 @@ def simulate_block(machine, tolerances, q, edges, machines, seed):
     with np.errstate(invalid='ignore'):
         error = end_point(machine, q, errors) - machine.forward(q)
     if not np.isfinite(error).all():
-        raise PkmError('tolerances: they are so wide that the links of a machine do not meet at a pose')
+        raise PkmError('tolerances: too wide: the links of a machine do not meet at a pose')
     width = edges[1] - edges[0]
     bins = np.clip((error - edges[0]) / width, 0, _BINS - 1).astype(int)
     counts = [np.bincount(bins[..., i].ravel(), minlength=_BINS) for i in range(error.shape[-1])]
@@ -65,13 +65,13 @@ def monte_carlo_budget(machine, tolerances, q, machines, seed, scheduler=None, o
     """
     Return the `Distribution` of the end-point error of `machines` machines at `q` (poses, n) [m].
 
-    With the address of a dask `scheduler`, e.g. 'tcp://host:8786', its workers, which must have this package, do the
-    work. `on_block` is called whenever a block is done.
+    `scheduler` is the address of a dask scheduler, e.g. 'tcp://host:8786'; its workers need this package. `on_block` is
+    called after each block.
 
     Raises
     ------
     PkmError
-        If the cluster cannot be reached, or a machine cannot be put together.
+        If the cluster cannot be reached, or the links of a machine do not meet.
 
     Examples
     --------
@@ -109,13 +109,13 @@ def _on_cluster(address, common, blocks):
     from distributed import Client
 
     try:
-        asyncio.run(_knock(address))  # a Client that finds nobody lingers and complains at exit
+        asyncio.run(_knock(address))  # a Client without a scheduler hangs and logs errors at exit
     except (OSError, ValueError) as error:
         raise PkmError(f'dask scheduler {address!r}: {error}') from None
     with Client(address, set_as_default=False) as client:
         shared = client.scatter([common], broadcast=True)[0]
         futures = [client.submit(_remote, shared, size, seed, pure=False) for size, seed in blocks]
-        for future in futures:  # in this order, whichever is done first
+        for future in futures:  # in the order of the blocks, not of completion
             yield future.result()
 
 

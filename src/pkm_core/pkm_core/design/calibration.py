@@ -1,10 +1,10 @@
 """
-Kinematic calibration: from laser measurements the lengths and marks of one built machine, and how well they are known.
+Kinematic calibration: lengths and marks of one built machine from laser measurements, with their uncertainty.
 
-The estimate is the most probable one given the measurements and the tolerances the machine was built to: a nonlinear
-least-squares problem in all errors of links, offsets and encoders, each in units of its tolerance. The laser's axes are
-those of the machine, its datum is unknown and drops out with the mean over the poses. What the measurements cannot tell
-stays where the drawing has it. A machine that was calibrated before starts from its drawing again.
+The estimate is the most probable one given the measurements and the manufacturing tolerances. It is a nonlinear
+least-squares problem in all errors of links, offsets and encoders, each scaled by its tolerance. The laser's axes are
+those of the machine; its datum is unknown and removed with the mean over the poses. Parameters that the measurements
+do not determine keep their drawing values. A repeated calibration starts from the drawing.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from pkm_core.errors import PkmError
 
 
 def built_machine(machine, errors):
-    """Return `machine` with section `built` of its file filled: lengths and marks off the drawing by `errors` [m]."""
+    """Return `machine` with a section `built`: lengths and marks of the drawing plus `errors` [m]."""
     config = machine.config
     drawn = type(machine).Built.as_drawn(config.geometry)
     marks = drawn.marks.model_copy(update={joint: errors.get(joint, 0.0) for joint in machine.joints})
@@ -26,14 +26,14 @@ def built_machine(machine, errors):
 
 
 class Identifiability(NamedTuple):
-    """What the measurements can tell, to first order at the drawing."""
+    """Information of the measurements, to first order at the drawing."""
 
     names: tuple[str, ...]
-    singular_values: np.ndarray  # (p,): how many times better than the tolerances a direction is known; below 1 hardly
+    singular_values: np.ndarray  # (p,): tolerance over uncertainty from the measurements alone, by direction
     directions: np.ndarray  # (p, p): row i is the direction of singular value i, in units of the tolerances
 
     def hardly_known(self, share=0.3):
-        """Return [(singular value, {name: part})] of the directions below 1, parts above `share` only."""
+        """Return [(singular value, {name: part})] of the directions below 1, with the parts above `share`."""
         return [
             (float(value), {name: float(part) for name, part in zip(self.names, row, strict=True) if abs(part) > share})
             for value, row in zip(self.singular_values, self.directions, strict=True)
@@ -42,18 +42,18 @@ class Identifiability(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """The outcome for one machine."""
+    """Calibration of one machine."""
 
-    machine: object  # the `Machine` as it was built; forward and inverse take its lengths and marks
+    machine: object  # the calibrated `Machine`; its forward and inverse use the estimated lengths and marks
     errors: dict  # {name: deviation from the drawing} as in specimen.py [m]
     deviations: dict  # {name: standard deviation of the estimate} [m]
     priors: dict  # {name: standard deviation before, from the tolerances} [m]
     identifiability: Identifiability
-    misfit: float  # root mean square of the residuals over the measurement's deviation; about 1 if the model holds
+    misfit: float  # root mean square of the residuals over the measurement's deviation; about 1 for a valid model
 
 
 def parameter_priors(machine, tolerances):
-    """Return {name: standard deviation} [m] of all that is estimated."""
+    """Return {name: standard deviation} [m] of all estimated parameters."""
     error_names(machine)  # refuses machines without links
     mechanism = machine.config.mechanism
     return {
@@ -122,7 +122,7 @@ def calibrate(machine, measurements, tolerances, deviation):
 
 
 def _weighted(values, deviation):
-    """Return `values` (N, m, ...) without their mean over the poses, which the datum hides, over `deviation`."""
+    """Return `values` (N, m, ...) less their mean over the poses (the unknown datum), over `deviation`."""
     return (values - values.mean(axis=0)) / deviation
 
 
@@ -133,23 +133,23 @@ def _check(machine, measurements, priors):
         raise PkmError('measurements: a displacement is not finite')
     fewest = 1 + -(-len(priors) // coordinates)
     if poses < fewest:
-        raise PkmError(f'{poses} poses measured; {len(priors)} unknowns ask for at least {fewest}')
+        raise PkmError(f'{poses} poses measured; {len(priors)} unknowns need at least {fewest}')
     for name, deviation in priors.items():
         if not deviation > 0.0:
-            raise PkmError(f'tolerances: {name} has the deviation {deviation:g} m; allowed above 0 for calibration')
+            raise PkmError(f'tolerances: the deviation of {name} is {deviation:g} m; allowed above 0 for calibration')
 
 
 def prediction_errors(forward, measurements):
-    """Return measured minus predicted displacement (N, m) [m, rad] of `forward`, without what the datum hides."""
+    """Return measured minus predicted displacement (N, m) [m, rad] of `forward`, less the mean over the poses."""
     difference = measurements.displacement - forward(measurements.q)
     return difference - difference.mean(axis=0)
 
 
 def positioning_errors(machine, errors, inverse, poses):
     """
-    Return where a specimen with `errors` goes minus where it was sent (N, m) [m, rad], without what the datum hides.
+    Return reached minus commanded poses (N, m) [m, rad] of a specimen with `errors`, less the mean over the poses.
 
-    `inverse` turns the wanted `poses` (N, m) into commanded joint positions. Only a simulation knows the `errors`.
+    `inverse` maps the commanded `poses` (N, m) to joint positions. The `errors` are known only in simulation.
     """
     reached = end_point(machine, inverse(poses), errors) - poses
     return reached - reached.mean(axis=0)

@@ -1,4 +1,4 @@
-"""Picture of a calibration: held-out errors before and after, estimates with their uncertainty, identifiability."""
+"""Figure of a calibration: held-out errors before and after, estimates with their uncertainty, identifiability."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from pkm_core.plotting import new_figure, save
 
 
 def draw_calibration(folder, study, true_errors=None):
-    """Write calibration.png of a `CalibrationStudy`; `true_errors` {name: error} is what a simulation was given [m]."""
+    """Write calibration.png of a `CalibrationStudy`; `true_errors` {name: error} [m] are those of a simulation."""
     calibration, machine = study.calibration, study.calibration.machine
     figure = new_figure(12.0, 7.5)
     upper, lower = figure.subfigures(2, 1)
@@ -39,5 +39,5 @@ def draw_calibration(folder, study, true_errors=None):
     singular = np.maximum(calibration.identifiability.singular_values, 1e-3)
     right.bar(np.arange(1, len(singular) + 1), singular)
     right.axhline(1.0, color='k', linewidth=0.8)
-    right.set(yscale='log', xlabel='direction', ylabel='singular value', title='below 1: hardly known')
+    right.set(yscale='log', xlabel='direction', ylabel='singular value', title='below 1: poorly determined')
     save(figure, folder, 'calibration')

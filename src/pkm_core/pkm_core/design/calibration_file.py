@@ -1,4 +1,4 @@
-"""Calibrated machines as files: the machine's own file with a section `built`, for every command and node."""
+"""Write a calibrated machine: its machine file with a section `built`, read by every command and node."""
 
 import re
 
@@ -7,9 +7,10 @@ from pkm_core.config import find_config
 
 def write_calibrated_machine(path, machine_name, calibration, source):
     """
-    Write a copy of the machine file `machine_name` to `path` with what the `Calibration` found; `source` is in words.
+    Write a copy of the machine file `machine_name` with the result of the `Calibration` to `path`.
 
-    Models, gains and learned signals go by the name of a machine's file, so the copy should keep it.
+    `source` is a text that names the origin of the measurements. Keep the file name of the machine: models, gains and
+    learned signals are found by it.
     """
     built = calibration.machine.config.built
     lines = [f'built:  # calibrated from {source}; +- standard deviation of the estimate']
@@ -21,5 +22,5 @@ def write_calibrated_machine(path, machine_name, calibration, source):
     lines.append('  marks:  # encoder reading minus position')
     lines += [line('    ', joint, mark) for joint, mark in built.marks]
     text = find_config('machines', machine_name).read_text(encoding='utf-8')
-    text = re.sub(r'(?ms)^built:.*?(?=^\S|\Z)', '', text)  # what was known before
+    text = re.sub(r'(?ms)^built:.*?(?=^\S|\Z)', '', text)  # remove an earlier calibration
     path.write_text(text.rstrip('\n') + '\n\n' + '\n'.join(lines) + '\n', encoding='utf-8')

@@ -1,4 +1,4 @@
-"""Calibration judged: three of four poses for the estimate, the others to judge it, and a simulation to try it on."""
+"""Validation of a calibration on held-out poses, and a simulated machine with known errors."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ from pkm_core.design.calibration import Calibration, calibrate, positioning_erro
 from pkm_core.design.measurement import Measurements, draw_specimen, simulate
 from pkm_core.errors import PkmError
 
-FEWEST_POSES = 8  # so that two are held out
+FEWEST_POSES = 8  # two of them are held out
 
 
 @dataclass(frozen=True)
 class CalibrationStudy:
     """
-    One calibration and its errors on poses that it did not use.
+    One calibration and its errors on held-out poses.
 
     Attributes
     ----------
@@ -37,10 +37,11 @@ class CalibrationStudy:
 
 
 def study_calibration(machine, measurements, tolerances, laser):
-    """Return the `CalibrationStudy` of `measurements`; `PkmError` if there are too few."""
+    """Return the `CalibrationStudy` of `measurements`; raise `PkmError` if there are fewer than FEWEST_POSES."""
     if len(measurements.q) < FEWEST_POSES:
         raise PkmError(
-            f'{len(measurements.q)} poses measured; every fourth is held out: allowed {FEWEST_POSES} or more'
+            f'{len(measurements.q)} poses measured, of which every fourth is held out; at least {FEWEST_POSES} are '
+            f'needed'
         )
     used, held = measurements.split()
     noise = laser.deviation(machine, used.q)
@@ -51,14 +52,14 @@ def study_calibration(machine, measurements, tolerances, laser):
 
 @dataclass(frozen=True)
 class SimulatedMachine:
-    """A machine of which, being simulated, the truth is known."""
+    """A simulated machine with known errors."""
 
     errors: dict  # {name: error} [m]
     measurements: Measurements
-    test_poses: np.ndarray  # (N, m) that were not measured [m, rad]
+    test_poses: np.ndarray  # (N, m) poses without a measurement [m, rad]
 
     def sent(self, machine, inverse):
-        """Return by how much it misses the test poses (N, m) [m, rad] if commanded by `inverse`."""
+        """Return the positioning errors (N, m) [m, rad] at the test poses, commanded by `inverse`."""
         return positioning_errors(machine, self.errors, inverse, self.test_poses)
 
 

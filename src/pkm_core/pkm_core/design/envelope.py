@@ -1,9 +1,9 @@
 """
-The exact workspace of the 4-DOF manipulator: which orientations it reaches at a position, in closed form.
+The exact workspace of the 4-DOF manipulator: the reachable orientations at a position, in closed form.
 
 With the end-effector held at (x, y, z), P and Q lie on a circle of radius R = sqrt(k10^2 - (z - dz)^2) and phi is the
-only freedom left. Slider d1 stands at a limit D where P is l2 away from its pivot (D, dy): a circle meets a circle, so
-the orientations at which a slider stands at a limit are known, and between two of them nothing changes.
+only freedom. Slider d1 is at a limit D if P is at distance l2 from its pivot (D, dy), an intersection of two circles.
+This gives all orientations with a slider at a limit; between neighbouring ones reachability does not change.
 Source: (2.11)-(2.14), (2.20)-(2.26) with the signs of machines/four_dof.py.
 """
 
@@ -14,15 +14,15 @@ import numpy as np
 from pkm_core.errors import WorkspaceError
 from pkm_core.machines.base import ROUNDING
 
-_BLOCK = 1 << 14  # points at once: their arrays stay in the cache
+_BLOCK = 1 << 14  # points per block, whose arrays fit into the cache
 
 
 class OrientationRange(NamedTuple):
-    """Orientations reached at each of some points, arrays (...,) [rad]; NaN where the point is out of reach."""
+    """Reachable orientations at given points, arrays (...,) [rad]; NaN for points out of reach."""
 
     lowest: np.ndarray
     highest: np.ndarray
-    gap: np.ndarray  # how much between the two is not reached
+    gap: np.ndarray  # total of the unreachable ranges between the two
 
 
 def orientation_range(machine, points):
@@ -53,9 +53,9 @@ def orientation_range(machine, points):
 
 def reached_with(machine, points, lowest, highest):
     """
-    Return at which `points` (..., 3) [m] a four_dof reaches every orientation from `lowest` to `highest` [rad].
+    Return whether a four_dof reaches every orientation from `lowest` to `highest` [rad] at `points` (..., 3) [m].
 
-    Equal bounds ask for the constant-orientation workspace, a range for the dexterous one.
+    Equal bounds give the constant-orientation workspace, a range the dexterous one.
 
     Examples
     --------
@@ -65,7 +65,9 @@ def reached_with(machine, points, lowest, highest):
 
     """
     if not lowest <= highest:
-        raise WorkspaceError(f'orientations from {np.degrees(lowest):g} to {np.degrees(highest):g} deg: inverted')
+        raise WorkspaceError(
+            f'orientations from {np.degrees(lowest):g} to {np.degrees(highest):g} deg: inverted; expected ascending'
+        )
 
     def block(part):
         ends = np.tile([lowest, highest], (len(part), 1))
@@ -79,11 +81,11 @@ def reached_with(machine, points, lowest, highest):
 
 def clearance(machine, points):
     """
-    Return the distance (...,) [m] that all sliders of a four_dof can keep from their limits at `points` (..., 3) [m].
+    Return the least distance (...,) [m] of a slider of a four_dof from its limits at `points` (..., 3) [m].
 
-    The orientation is the best one. The distance is 0 on the boundary of the workspace, negative outside and
-    continuous: its level surface is the envelope. The best orientation is searched on a grid that is refined four
-    times, to some 0.1 um of clearance.
+    It is that of the best orientation. The distance is continuous, 0 on the boundary of the workspace and negative
+    outside: its level surface is the envelope. The best orientation is searched on a grid, refined four times, to an
+    accuracy of 0.1 um of clearance.
 
     Examples
     --------
@@ -106,35 +108,35 @@ def clearance(machine, points):
 
 
 def _in_blocks(machine, points, block):
-    """Return the results of `block` on some thousand points (N, 3) after another, in the shape of `points` (..., 3)."""
+    """Return the results of `block`, called with _BLOCK points (N, 3) at a time, in the shape of `points` (..., 3)."""
     points = np.asarray(points, dtype=float)
     if machine.config.mechanism != 'four_dof':
-        raise WorkspaceError(f'{machine.name} is a {machine.config.mechanism}; orientations are a matter of a four_dof')
+        raise WorkspaceError(f'{machine.name} is a {machine.config.mechanism}; expected a four_dof')
     if points.shape[-1:] != (3,):
         raise WorkspaceError(f'points have shape {points.shape}; expected (..., 3) for x, y, z')
     if not np.isfinite(points).all():
-        raise WorkspaceError('points: a coordinate is not finite')
+        raise WorkspaceError('points: a coordinate is not finite; expected finite numbers')
     flat = points.reshape(-1, 3)
-    with np.errstate(invalid='ignore', divide='ignore'):  # circles that do not meet give NaN
+    with np.errstate(invalid='ignore', divide='ignore'):  # circles without intersection give NaN
         results = np.concatenate([block(flat[i : i + _BLOCK]) for i in range(0, max(len(flat), 1), _BLOCK)])
     return results.reshape((*points.shape[:-1], *results.shape[1:]))
 
 
 def _radius(machine, points):
-    """Return half of PQ (N, 1) [m] at `points`; where links 10 and 12 do not reach, the end of their reach."""
+    """Return half of PQ (N, 1) [m] at `points`; beyond the reach of links 10 and 12, its value at the end of reach."""
     geometry = machine.config.geometry
     Z = (points[:, 2:] - geometry.dz).clip(0.0, geometry.k10)
     return np.sqrt(geometry.k10**2 - Z**2)
 
 
 def _at_limits(machine, points):
-    """Return the orientations (N, 16) [rad] at which a slider may stand at a limit; NaN where circles do not meet."""
+    """Return the orientations (N, 16) [rad] with a slider at a limit; NaN for circles without intersection."""
     geometry, limits = machine.config.geometry, machine.limits
     x, y, R = points[:, :1], points[:, 1:2], _radius(machine, points)
     ends = np.stack([limits.lower, limits.upper])
     a = np.hstack([x - ends[:, :2].reshape(1, 4), np.repeat(x - geometry.dx, 4, axis=1)])
     b = np.hstack([np.repeat(y - geometry.dy, 4, axis=1), y - ends[:, 2:].reshape(1, 4)])
-    # P = (x, y) + R (cos, sin) and Q = (x, y) - R (cos, sin) are l2 away from a pivot where a cos + b sin = along
+    # P = (x, y) + R (cos, sin) and Q = (x, y) - R (cos, sin) are at distance l2 from a pivot if a cos + b sin = along
     side = np.repeat([1.0, -1.0], 4)
     along = side * (geometry.l2**2 - R**2 - a**2 - b**2) / (2.0 * R)
     half, middle = np.arccos(along / np.hypot(a, b)), np.arctan2(b, a)
@@ -146,7 +148,7 @@ def _slack(machine, points, phi):
     """
     Return the least distance (N, m) [m] of a slider from its limits at the orientations `phi` (N, m).
 
-    Negative beyond, and continued by a steady function of the same sign to where the links do not meet.
+    It is negative beyond a limit. Where the links do not reach it is continued by a continuous negative function.
     """
     geometry, limits = machine.config.geometry, machine.limits
     x, y, R = points[:, :1], points[:, 1:2], _radius(machine, points)
@@ -158,7 +160,7 @@ def _slack(machine, points, phi):
     ):
         square = geometry.l2**2 - height**2
         half_gap = np.copysign(np.sqrt(np.abs(square)), square)
-        least = np.minimum(least, height)  # below the guide is another assembly
+        least = np.minimum(least, height)  # below the guide the assembly is another one
         for joint, d in ((lower, middle - half_gap), (higher, middle + half_gap)):
             least = np.minimum(least, np.minimum(d - limits.lower[joint], limits.upper[joint] - d))
     return least

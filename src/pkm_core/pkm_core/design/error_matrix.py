@@ -1,9 +1,9 @@
 """
-The error manipulation matrix (4.17): what small errors of six links do to the end point of a four_dof.
+The error manipulation matrix (4.17): effect of small errors of six links on the end point of a four_dof.
 
-Rows x, y, z [m/m] and phi [rad/m]; columns l2, l4, l6, l8, k10, k12. `em_true` is the derivative, which finite
-differences confirm. `em_thesis` is what stands behind Tables 4.1-4.5 of the thesis: in the z row the terms of links 2
-to 8 have the wrong sign, and two of them lack a factor l. Only the former is for engineering.
+Rows x, y, z [m/m] and phi [rad/m]; columns l2, l4, l6, l8, k10, k12. `em_true` is the derivative, confirmed by finite
+differences. `em_thesis` reproduces Tables 4.1-4.5 of the thesis: in its z row the terms of links 2 to 8 have the wrong
+sign, and two of them lack a factor l. Use only `em_true` for engineering.
 """
 
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ class Geometry(NamedTuple):
 
 
 class Linkage(NamedTuple):
-    """Inner lengths [m] at some poses, arrays (...,); NaN where the links do not reach."""
+    """Inner lengths [m] at given poses, arrays (...,); NaN for poses out of reach."""
 
     l2: Any
     k10: Any
@@ -61,17 +61,17 @@ def linkage(geometry, poses):
         R = np.sqrt(k10 * k10 - Z * Z)
         across, along = R * np.cos(phi), R * np.sin(phi)
         Y, X = y + along - dy, x - across - dx
-        reached = (Y > 0.0) & (X > 0.0) & (Z > 0.0) & (phi > -0.5 * np.pi) & (phi < 0.0)  # this assembly, no other
+        reached = (Y > 0.0) & (X > 0.0) & (Z > 0.0) & (phi > -0.5 * np.pi) & (phi < 0.0)  # of this assembly
         Y, X = np.where(reached, Y, np.nan), np.where(reached, X, np.nan)
         h1, h2 = np.sqrt(l2 * l2 - Y * Y), np.sqrt(l2 * l2 - X * X)
     return Linkage(l2, k10, 2.0 * h1, 2.0 * h2, Y, X, -2.0 * across, -2.0 * along, Z, x + across, y - along)
 
 
 def check_reach(geometry, poses):
-    """Refuse one `geometry` that does not reach all `poses` (N, 4): `WorkspaceError` with length, pose and need."""
+    """Raise `WorkspaceError` with length, pose and need if `geometry` does not reach all `poses` (N, 4)."""
     poses = np.asarray(poses, dtype=float)
     if not (np.isfinite(poses).all() and np.isfinite(geometry).all()):
-        raise WorkspaceError(f'a length or pose is not finite: {geometry}')
+        raise WorkspaceError(f'a length or pose is not finite: {geometry}; expected finite numbers')
 
     def refuse(i, what, need):
         x, y, z = 1e3 * poses[i, :3]
@@ -82,7 +82,7 @@ def check_reach(geometry, poses):
         refuse(np.abs(phi + 0.25 * np.pi).argmax(), 'another assembly', 'phi between -90 and 0 deg (2.15)')
     Z = poses[:, 2] - geometry.dz
     if Z.min() <= 0.0:
-        refuse(Z.argmin(), 'the end-effector hangs below P and Q', f'z above dz = {1e3 * geometry.dz:g} mm')
+        refuse(Z.argmin(), 'the end-effector is below P and Q', f'z above dz = {1e3 * geometry.dz:g} mm')
     if Z.max() >= k10:
         refuse(Z.argmax(), f'k = {1e3 * k10:g} mm is too short', f'k above {1e3 * Z.max():.5g} mm')
     R = np.sqrt(k10**2 - Z**2)
@@ -114,8 +114,8 @@ def em_true(at):
 
 
 def em_thesis(at):
-    """Return the error matrix (..., 4, 6) as the thesis must have used it for its tables; see the module."""
-    a, b = -at.wx * at.l2 / (4.0 * at.Z * at.g1), -at.wy * 1e-3 / (8.0 * at.Z * at.Y)  # for l2 the thesis has 1, in mm
+    """Return the error matrix (..., 4, 6) that reproduces the tables of the thesis; see the module."""
+    a, b = -at.wx * at.l2 / (4.0 * at.Z * at.g1), -at.wy * 1e-3 / (8.0 * at.Z * at.Y)  # 1 mm in place of l2
     c, d = at.wx * at.l2 / (8.0 * at.Z * at.X), at.wy * at.l2 / (4.0 * at.Z * at.g2)
     return _matrix(at, (a + b, -a + b, c - d, c + d))
 

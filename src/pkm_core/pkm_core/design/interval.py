@@ -1,8 +1,8 @@
 """
-Interval arithmetic: an `Interval` stands where a NumPy array stands and holds all values a formula takes over boxes.
+Interval arithmetic: an `Interval` replaces a NumPy array and encloses all values of a formula over boxes.
 
-Each operation rounds its ends outwards by one floating-point number, so what is shown with it is a proof about real
-numbers, not about a computation. Known are +, -, *, / and `np.sqrt`; other NumPy functions refuse with a TypeError.
+Each operation rounds its ends outwards by one floating-point number, so a bound holds for real numbers, not only for
+the computation. Supported are +, -, *, / and `np.sqrt`; other NumPy functions raise a TypeError.
 Source: Moore, Kearfott & Cloud, Introduction to Interval Analysis (2009), ch. 2 and 3.
 """
 
@@ -54,7 +54,7 @@ def _multiply(a, b):
 
 def _divide(a, b):
     if np.any((b[0] <= 0.0) & (b[1] >= 0.0)):
-        raise ZeroDivisionError('an interval that holds 0 is no divisor')
+        raise ZeroDivisionError('division by an interval that contains 0')
     quotients = np.stack(np.broadcast_arrays(*(x / y for x in a for y in b)))
     return quotients.min(axis=0), quotients.max(axis=0)
 
@@ -62,7 +62,7 @@ def _divide(a, b):
 def _sqrt(a):
     if np.any(a[1] < 0.0):
         raise ValueError('an interval below 0 has no square root')
-    return np.sqrt(np.maximum(a[0], 0.0)), np.sqrt(a[1])  # of the part where there is a root
+    return np.sqrt(np.maximum(a[0], 0.0)), np.sqrt(a[1])  # of the part from 0
 
 
 _RULES: dict[Any, Any] = {

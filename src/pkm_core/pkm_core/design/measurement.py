@@ -1,4 +1,4 @@
-"""Laser measurements at standing poses: encoder readings and end-point displacements from one unknown datum."""
+"""Laser measurements at rest: encoder readings and end-point displacements from one unknown datum."""
 
 import csv
 from typing import Annotated, NamedTuple
@@ -21,7 +21,7 @@ class LaserConfig(Config):
     rotation_arm: Annotated[PositiveLength, Field(description='displacement per rotation [m/rad]')]
 
     def scale(self, machine):
-        """Return what turns a length read by the laser into each coordinate (m,) of `machine`."""
+        """Return the factors (m,) from a laser length to the coordinates of `machine`."""
         return np.array([1.0 / self.rotation_arm if name in ANGLES else 1.0 for name in machine.coordinates])
 
     def deviation(self, machine, q):
@@ -32,19 +32,19 @@ class LaserConfig(Config):
 
 
 class Measurements(NamedTuple):
-    """What calibration may see."""
+    """Input of a calibration."""
 
     q: np.ndarray  # (N, n) encoder readings [m]
     displacement: np.ndarray  # (N, m) of the end point from the datum, in the machine's coordinates [m, rad]
 
     def split(self, every=4):
-        """Return (used, held out): every fourth pose is kept for judging."""
+        """Return (used, held out); every fourth pose is held out for validation."""
         held = np.arange(len(self.q)) % every == every - 1
         return tuple(Measurements(self.q[rows], self.displacement[rows]) for rows in (~held, held))
 
 
 def load_laser(name_or_path='laser') -> LaserConfig:
-    """Return the `LaserConfig` of config/design/NAME.yaml or of a path; `ConfigError` if it is refused."""
+    """Return the `LaserConfig` of config/design/NAME.yaml or of a path; raise `ConfigError` if it is invalid."""
     return load_config(find_config('design', name_or_path), LaserConfig)
 
 
@@ -67,7 +67,8 @@ def simulate(machine, errors, laser, q, seed):
     """
     Return the `Measurements` of a specimen with `errors` at the commanded joint positions `q` (N, n) [m].
 
-    The sliders stand somewhere within the encoder count that is read; the datum is the end point at the first pose.
+    The true position of a slider is uniform within the encoder count read; the datum is the end point at the first
+    pose.
     """
     draw = np.random.default_rng(seed)
     step = machine.encoder_resolution
@@ -88,7 +89,7 @@ def _columns(machine):
 
 
 def write_measurements(path, machine, measurements):
-    """Write `measurements` to the CSV file `path`: a heading with units, a row a pose."""
+    """Write `measurements` to the CSV file `path`: a heading with units, then one row per pose."""
     columns = _columns(machine)
     rows = np.hstack(measurements) / [factor for _, factor in columns]
     with path.open('w', newline='', encoding='utf-8') as file:
@@ -99,12 +100,13 @@ def write_measurements(path, machine, measurements):
 
 def read_measurements(path, machine):
     """
-    Return the `Measurements` in the CSV file `path`, as `write_measurements` writes them.
+    Return the `Measurements` of the CSV file `path` in the format of `write_measurements`.
 
     Raises
     ------
     PkmError
-        If it cannot be read, its heading is another, or a cell is no finite number; file, line and cell are named.
+        If the file cannot be read, its heading differs, or a cell is not a finite number; the message has file, line
+        and cell.
 
     """
     columns = _columns(machine)
@@ -133,5 +135,5 @@ def read_measurements(path, machine):
     try:
         machine.check_joints(values[:, :n])
     except WorkspaceError as error:
-        raise PkmError(f'{path}: below the heading, counted from 0, {error}') from None
+        raise PkmError(f'{path}: rows counted from 0 below the heading: {error}') from None
     return Measurements(values[:, :n], values[:, n:])

@@ -1,8 +1,8 @@
 """
-How a design magnifies link errors over a workspace: f of Ryu and Cha, f1 (4.20), f2 (4.21), and statistics.
+Magnification of link errors by a design over a workspace: f of Ryu and Cha, f1 (4.20), f2 (4.21), and statistics.
 
-The integrals are plain means over the poses. All mix rows of m/m with one of rad/m: `arm` is the radius [m] on which an
-angle counts as a length; 1 mm gives the numbers of the thesis, which works in mm and adds rad/mm.
+The integrals are means over the poses. All objectives combine rows of m/m and one of rad/m; `arm` is the radius [m]
+that converts an angle to a length. 1 mm gives the numbers of the thesis, which uses mm and rad/mm.
 """
 
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from pkm_core.design.error_matrix import em_thesis, em_true, geometry_of, linkag
 from pkm_core.design.workspace import sample_joints
 
 VARIANTS = {'thesis': em_thesis, 'true': em_true}
-_BLOCK = 100_000  # error matrices at once
+_BLOCK = 100_000  # error matrices per block
 
 
 class Objectives(NamedTuple):
-    """Values for one or more designs, arrays (...,); infinite where a pose is out of reach."""
+    """Values for one or more designs, arrays (...,); infinite if a pose is out of reach."""
 
     f: np.ndarray  # mean of the product of the singular values
     f1: np.ndarray  # mean of the sum of their squares
@@ -58,7 +58,7 @@ def _scaled(at, variant, arm):
     return VARIANTS[variant](at) * np.array([1.0, 1.0, 1.0, arm])[:, np.newaxis]
 
 
-@np.errstate(divide='ignore', invalid='ignore', over='ignore')  # designs that do not reach give NaN
+@np.errstate(divide='ignore', invalid='ignore', over='ignore')  # poses out of reach give NaN
 def _block(geometry, poses, variant, arm):
     at = linkage(geometry, poses)
     E = _scaled(at, variant, arm)
@@ -71,7 +71,7 @@ def _block(geometry, poses, variant, arm):
 
 def reachable_magnification(machine, samples, seed, arm=1e-3):
     """
-    Return what `em_true` says of a four_dof over all it reaches, at `samples` positions drawn uniformly in its joints.
+    Return the error magnification by `em_true` of a four_dof at `samples` positions drawn uniformly in its joints.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def reachable_magnification(machine, samples, seed, arm=1e-3):
     together : ndarray, shape (samples, 4)
         Error when every link is 1 um too long [m, rad].
     worst : ndarray, shape (samples, 4)
-        Error when each link is 1 um too long or too short, whichever adds up [m, rad].
+        Error when each link is 1 um too long or too short, with the signs that add up [m, rad].
 
     """
     poses = machine.forward(sample_joints(machine, samples, seed))
@@ -90,7 +90,7 @@ def reachable_magnification(machine, samples, seed, arm=1e-3):
 
 
 class Statistics(NamedTuple):
-    """Of one coordinate of the end-point error over W [m or rad]."""
+    """Statistics of one coordinate of the end-point error over W [m or rad]."""
 
     minimum: float
     maximum: float
@@ -102,7 +102,7 @@ def error_statistics(geometry, poses, variant='true', error=1e-6):
     """
     Return {coordinate: Statistics} of the end-point error over `poses` when every link is `error` [m] too long.
 
-    Source: Tables 4.2-4.5, whose last column is in urad although it says mdeg.
+    Source: Tables 4.2-4.5; their last column is in urad, not in mdeg as printed.
     """
     E = VARIANTS[variant](linkage(geometry, poses))
     errors = error * E.sum(axis=-1)

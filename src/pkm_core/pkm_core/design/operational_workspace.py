@@ -1,4 +1,4 @@
-"""The operational workspace W and the designs that chapter 4 compares: models of config/design/NAME.yaml."""
+"""The operational workspace W and the designs compared in chapter 4: models of config/design/NAME.yaml."""
 
 from typing import Annotated
 
@@ -55,7 +55,7 @@ class Grid(Config):
         return self._combine(self.phi.values())
 
     def poses_at_middle_angle(self):
-        """Return the poses (N, 4) [m, rad] with the middle one of the angles."""
+        """Return the poses (N, 4) [m, rad] at the middle angle."""
         angles = self.phi.values()
         return self._combine(angles[len(angles) // 2 : len(angles) // 2 + 1])
 
@@ -65,7 +65,7 @@ class Grid(Config):
 
 
 class Offsets(Config):
-    """Offsets of P, Q and the end-effector that W is meant with."""
+    """Offsets of P, Q and the end-effector in W."""
 
     dx: Length
     dy: Length
@@ -80,7 +80,7 @@ class Design(Config):
 
 
 class Range(Config):
-    """Lengths a search may take."""
+    """Allowed lengths of a search."""
 
     lower: PositiveLength
     upper: PositiveLength
@@ -100,7 +100,7 @@ class Bounds(Config):
 
 
 class OperationalWorkspace(Config):
-    """What a file of config/design says; `geometry` puts a design on it."""
+    """Contents of a file of config/design; `geometry` combines it with the lengths of a design."""
 
     workspace: Grid
     offsets: Offsets
@@ -115,7 +115,7 @@ class OperationalWorkspace(Config):
 
 def load_operational_workspace(name_or_path='chapter4') -> OperationalWorkspace:
     """
-    Return the `OperationalWorkspace` of config/design/NAME.yaml or of a path; `ConfigError` if it is refused.
+    Return the `OperationalWorkspace` of config/design/NAME.yaml or of a path; raise `ConfigError` if it is invalid.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Link lengths that magnify errors least over an operational workspace, and what that costs: chapter 4 as a search."""
+"""Search for the link lengths of least error magnification over an operational workspace (chapter 4)."""
 
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ def scan(workspace, poses, bounds, variant='true', arm=1e-3, points=61):
     """
     Return the `Scan` of `points` x `points` designs within `bounds` over `poses` (N, 4).
 
-    `workspace` is an `OperationalWorkspace`, whose offsets the designs get.
+    The designs have the offsets of the `OperationalWorkspace` `workspace`.
     """
     spans = (np.linspace(span.lower, span.upper, points) for span in (bounds.l, bounds.k))
     l2, k10 = np.meshgrid(*spans, indexing='ij')
@@ -39,7 +39,7 @@ def optimum(workspace, poses, name, variant='true', arm=1e-3):
     """
     Return the `Optimum` of the objective `name` ('f', 'f1', 'f2') within the bounds of `workspace`.
 
-    The best design of a scan is refined by the simplex search of Nelder and Mead: f2 is a maximum and has kinks.
+    The best design of a scan is refined by the simplex search of Nelder and Mead, because f2 is not differentiable.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def optimum(workspace, poses, name, variant='true', arm=1e-3):
 
 
 class Pareto(NamedTuple):
-    """Designs of which none is better in everything, arrays (n,) in order of size."""
+    """Designs that no other design improves in all costs, arrays (n,) in order of size."""
 
     l2: np.ndarray  # [m]
     k10: np.ndarray  # [m]
@@ -93,7 +93,7 @@ def pareto_front(workspace, poses, variant='true', arm=1e-3, points=81):
     """
     Return the `Pareto` front of f1, f2 and size among `points` x `points` designs of the range `workspace.pareto`.
 
-    With two lengths to choose the whole range is evaluated, so the front is exact to the step of the grid.
+    The whole range of the two lengths is evaluated, so the front is exact to the step of the grid.
     """
     found = scan(workspace, poses, workspace.pareto, variant, arm, points)
     costs = np.stack([found.objectives.size.ravel(), found.objectives.f1.ravel(), found.objectives.f2.ravel()], axis=1)
@@ -111,7 +111,7 @@ def pareto_front(workspace, poses, variant='true', arm=1e-3, points=81):
 
 def not_dominated(costs):
     """
-    Return which rows (N,) of `costs` (N, m) no other row beats: lower in one column and higher in none.
+    Return a mask (N,) of the rows of `costs` (N, m) that no other row dominates: lower in one, higher in none.
 
     Examples
     --------

@@ -1,5 +1,5 @@
 """
-Singularities: determinants and conditioning of the Jacobian, and a proof that the travel holds no singular position.
+Singularities: determinant and conditioning of the Jacobian, and a proof that the travel has no singular position.
 
 Source: (3.22)-(3.29), with det J_H of the phi of (2.19) and the boundary singularity PQ = 2 k10 in any direction, of
 which the thesis's (3.28) is a special case.
@@ -15,10 +15,10 @@ from pkm_core.errors import WorkspaceError
 
 def regularity(machine, q):
     """
-    Return {name: value}: the quantities that are all positive exactly where the mechanism is regular.
+    Return {name: value} of the quantities that are all positive if and only if the mechanism is regular.
 
-    Gaps of sliders (3.27), heights of the joints over their pivots (3.28), (3.29), the branch (2.15), and abs(det J);
-    `q` is a sequence of n ndarrays or Intervals [m].
+    These are gaps of sliders (3.27), heights of joints over their pivots (3.28), (3.29), the branch (2.15), and
+    abs(det J). `q` is a sequence of n ndarrays or Intervals [m].
 
     Examples
     --------
@@ -57,39 +57,39 @@ def regularity(machine, q):
 
 
 def _square(length, like):
-    """Return `length` squared, enclosed in an Interval if `like` is one: a product of constants rounds too."""
+    """Return `length` squared; an Interval if `like` is one, because a product of constants is rounded."""
     return Interval(length, length) * length if isinstance(like, Interval) else length * length
 
 
 class Bound(NamedTuple):
-    """What is proven of one quantity over the whole travel."""
+    """Proven lower bound of one quantity over the whole travel."""
 
-    proven: float  # it is nowhere lower
-    attained: float  # it is as low as this somewhere
-    boxes: int  # the travel was cut into so many
+    proven: float  # lower bound
+    attained: float  # lowest evaluated value
+    boxes: int  # number of parts of the travel in the proof
 
 
 def bound_below(quantity, lower, upper, tolerance=0.01, most_boxes=200_000):
     """
     Return the `Bound` of a positive quantity over the box from `lower` to `upper`, by interval arithmetic.
 
-    The box is cut in halves where the interval bound is still more than `tolerance` below the lowest value attained.
+    Parts whose interval bound is more than `tolerance` below the lowest attained value are halved.
 
     Parameters
     ----------
     quantity : callable
-        Takes a sequence of n ndarrays or Intervals, returns one.
+        Takes a sequence of n ndarrays or Intervals, returns one ndarray or Interval.
     lower, upper : sequence of n floats
         Corners of the box.
     tolerance : float
         Relative distance of the proven bound from the lowest value.
     most_boxes : int
-        When to give up.
+        Largest number of parts.
 
     Raises
     ------
     WorkspaceError
-        If the quantity is not positive everywhere, or that cannot be shown with `most_boxes`.
+        If the quantity is not positive everywhere, or the proof needs more than `most_boxes`.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def bound_below(quantity, lower, upper, tolerance=0.01, most_boxes=200_000):
         finished = bounds >= (1.0 - tolerance) * attained
         if attained <= 0.0 or done + len(low) > most_boxes:
             raise WorkspaceError(
-                f'not shown to be regular: the quantity falls to {attained:.3g}, '
+                f'regularity not proven: the quantity falls to {attained:.3g}, '
                 f'its bound in {done + len(low)} boxes is {min(proven, bounds.min()):.3g}; allowed above 0'
             )
         done += int(finished.sum())
@@ -127,12 +127,12 @@ def _halves(low, high):
 
 def certificate(machine, tolerance=0.01):
     """
-    Return {name: Bound} for every quantity of `regularity`: the proof that the travel holds no singular position.
+    Return {name: Bound} for every quantity of `regularity`: the proof that the travel has no singular position.
 
     Raises
     ------
     WorkspaceError
-        If there is no proof; the quantity and its bound are named.
+        If there is no proof; the message has the quantity and its bound.
 
     Examples
     --------

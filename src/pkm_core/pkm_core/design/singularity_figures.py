@@ -1,4 +1,4 @@
-"""Maps of determinant and condition number over what a machine reaches."""
+"""Maps of determinant and condition number over the workspace of a machine."""
 
 import numpy as np
 from scipy.stats import binned_statistic_2d
@@ -9,10 +9,10 @@ from pkm_core.plotting import new_figure, save
 
 def draw_maps(folder, poses, determinant, condition, length):
     """
-    Write, over x and y, the least abs(det J) and the worst condition number among the samples of each cell.
+    Write maps over x and y of the least abs(det J) and the worst condition number among the samples of each cell.
 
-    `poses` (N, m) are the samples, `determinant` and `condition` (N,) those of the Jacobian there, with angles taken as
-    arcs on a radius `length` [m].
+    `poses` (N, m) are the samples, `determinant` and `condition` (N,) those of the Jacobian at the samples. Angles
+    count as arcs on a radius `length` [m].
     """
     figure = new_figure(11.0, 4.6)
     panels = (
@@ -28,7 +28,7 @@ def draw_maps(folder, poses, determinant, condition, length):
 
 
 def draw_factors(folder, machine):
-    """Write det J_q (3.26) over a gap and det J_H (3.25) over PQ of a four_dof, from one singularity to the next."""
+    """Write det J_q (3.26) over a gap and det J_H (3.25) over PQ of a four_dof, between two singularities."""
     geometry, lower, upper = machine.config.geometry, machine.limits.lower, machine.limits.upper
     figure = new_figure(11.0, 4.2)
     left, right = figure.subplots(1, 2)
@@ -44,5 +44,5 @@ def draw_factors(folder, machine):
     )
     right.axvspan(lowest, highest, color='C2', alpha=0.2)
     right.set(xlabel='PQ [mm]', ylabel='abs(det J_H) [1/m]', title='infinite at (3.28)')
-    figure.suptitle('what the sliders reach is shaded')
+    figure.suptitle('shaded: within the travel of the sliders')
     save(figure, folder, 'determinants')

@@ -1,9 +1,9 @@
 """
-A built machine that differs from its drawing, and how its end point answers to each difference.
+A built machine that deviates from its drawing, and the sensitivity of its end point to each deviation.
 
-Errors go by name. `l2` ... `k12`: by how much a link is too long [m]. `dx`, `dy`, `dz`: by how much an offset is too
-large [m]. `d1` ... `d7`: reading of an encoder minus position of its slider [m]. `psi_p`, `psi_q`: turn of the platform
-at P, at Q, that its belt lets pass [rad].
+Errors have names. `l2` ... `k12`: excess length of a link [m]. `dx`, `dy`, `dz`: excess of an offset [m]. `d1` ...
+`d7`: reading of an encoder minus position of its slider [m]. `psi_p`, `psi_q`: rotation of the platform at P, at Q, due
+to the elasticity of its belt [rad].
 """
 
 from types import SimpleNamespace
@@ -17,11 +17,11 @@ from pkm_core.machines.built import drawn_length
 LINKS = {'four_dof': ('l2', 'l4', 'l6', 'l8', 'k10', 'k12'), 'planar': ('l2', 'l4')}
 OFFSETS = {'four_dof': ('dx', 'dy', 'dz'), 'planar': ('dy',)}
 BELTS = {'four_dof': ('psi_p', 'psi_q'), 'planar': ('psi_p',)}
-_STEP = 1e-6  # m, rad; of the central differences: leaves 1e-9 of the sensitivity
+_STEP = 1e-6  # [m, rad] of the central differences; their relative error is 1e-9
 
 
 def error_names(machine):
-    """Return the names of all errors a specimen of `machine` can have."""
+    """Return the names of all errors of a specimen of `machine`."""
     mechanism = machine.config.mechanism
     if mechanism not in LINKS:
         raise PkmError(f'{machine.name}: a {mechanism} has no links; known: {sorted(LINKS)}')
@@ -30,9 +30,9 @@ def error_names(machine):
 
 def end_point(machine, q, errors):
     """
-    Return the pose (..., m) of a specimen of `machine` whose encoders read `q` (..., n) [m].
+    Return the pose (..., m) of a specimen of `machine` at the encoder readings `q` (..., n) [m].
 
-    `errors` holds numbers or arrays that broadcast with (...,), by name; those not named are zero.
+    `errors` is {name: number or array that broadcasts with (...,)}; missing errors are zero.
 
     Examples
     --------
@@ -54,12 +54,12 @@ def end_point(machine, q, errors):
             **{name: getattr(geometry, name) + errors.get(name, 0.0) for name in OFFSETS[mechanism]}
         ),
         lengths={link: drawn_length(geometry, link) + errors.get(link, 0.0) for link in LINKS[mechanism]},
-        encoder_offset=np.zeros(len(machine.joints)),  # taken off below: it may be another one at each pose
+        encoder_offset=np.zeros(len(machine.joints)),  # subtracted below, because it may differ between poses
         payload=0.0,
     )
     q = np.asarray(q, dtype=float)
     sliders = [q[..., i] - errors.get(joint, 0.0) for i, joint in enumerate(machine.joints)]
-    turns = [errors.get(name, 0.0) for name in ('psi_p', 'psi_q')]  # a planar machine turns no Q
+    turns = [errors.get(name, 0.0) for name in ('psi_p', 'psi_q')]  # a planar machine has no platform at Q
     shape = np.broadcast_shapes(*(np.shape(part) for part in (*sliders, *errors.values())))
     stacked = (np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1) for parts in (sliders, turns))
     return specimen.end_point(*stacked)
@@ -69,7 +69,7 @@ def sensitivities(machine, q, names=None, errors=None):
     """
     Return d end_point / d error (..., m, len(names)) at `q` (..., n), by central differences.
 
-    `names` are all of `error_names` by default, `errors` those of the drawing: none; units m/m, rad/m, m/rad, rad/rad.
+    `names` defaults to all of `error_names`, `errors` to the drawing (no errors). Units: m/m, rad/m, m/rad, rad/rad.
 
     Examples
     --------

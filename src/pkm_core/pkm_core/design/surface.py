@@ -1,7 +1,7 @@
 """
-Closed surfaces round the workspace: joined slice contours, the exact envelope, and the Delaunay tessellation.
+Closed surfaces of the workspace: joined slice contours, the exact envelope, and the Delaunay tessellation.
 
-All are trimesh meshes in mm, the unit that readers of STL and PLY expect.
+All are trimesh meshes in mm, the usual unit of STL and PLY files.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ def join_contours(slices, contours, points=256):
     """
     Return the surface through the `contours` of `slices`: each resampled to `points`, neighbours joined (thesis ch. 3).
 
-    Top and bottom close in a point at the height of the outer slices' faces.
+    Top and bottom are closed by a point at the height of the outer slices' faces.
     """
     import trimesh
 
@@ -38,7 +38,7 @@ def exact_surface(machine, lower, upper, steps=(64, 64, 32)):
     """
     Return the envelope of a four_dof: the level surface 0 of its clearance, by marching cubes.
 
-    `lower` and `upper` (3,) [m] are the corners of a box that holds the workspace, `steps` how many cells it has.
+    `lower` and `upper` (3,) [m] are the corners of a box around the workspace, `steps` its number of cells.
     """
     import trimesh
     from skimage.measure import marching_cubes
@@ -53,9 +53,9 @@ def exact_surface(machine, lower, upper, steps=(64, 64, 32)):
 
 class Tessellation(NamedTuple):
     """
-    Tetrahedra of a 3-D Delaunay tessellation, the thesis's baseline: all together fill the convex hull.
+    Tetrahedra of a 3-D Delaunay tessellation, the thesis's baseline; together they fill the convex hull.
 
-    Those with a circumscribed sphere up to some radius are an alpha shape; its volume depends on the radius chosen.
+    The tetrahedra up to a chosen circumradius form an alpha shape; its volume depends on that radius.
     """
 
     positions: np.ndarray  # (N, 3) [m]
@@ -68,7 +68,7 @@ class Tessellation(NamedTuple):
         return float(self.volumes[self.radii <= radius].sum())
 
     def surface(self, radius=np.inf):
-        """Return the mesh of the triangles that belong to one tetrahedron up to the circumradius `radius` [m] only."""
+        """Return the mesh of the faces of exactly one tetrahedron among those up to the circumradius `radius` [m]."""
         import trimesh
 
         kept = self.corners[self.radii <= radius]
@@ -98,7 +98,7 @@ def tessellate(positions):
     u, v, w = b - a, c - a, d - a
     six_volumes = np.einsum('ij,ij->i', u, np.cross(v, w))
     uu, vv, ww = (np.einsum('ij,ij->i', s, s)[:, np.newaxis] for s in (u, v, w))
-    with np.errstate(divide='ignore', invalid='ignore'):  # a flat one has no circumscribed sphere
+    with np.errstate(divide='ignore', invalid='ignore'):  # a flat tetrahedron has no circumscribed sphere
         centres = (uu * np.cross(v, w) + vv * np.cross(w, u) + ww * np.cross(u, v)) / (2.0 * six_volumes[:, np.newaxis])
     radii = np.nan_to_num(np.linalg.norm(centres, axis=1), nan=np.inf, posinf=np.inf)
     return Tessellation(positions, corners, np.abs(six_volumes) / 6.0, radii)

@@ -10,7 +10,7 @@ _MATRIX = {'thesis': "the thesis's matrix", 'true': 'the correct matrix'}
 
 
 def draw_objectives(folder, workspace, study, arm):
-    """Write Fig. 4.3, 4.4, 4.5: f, f1 and f2 over l and k, unreachable designs blank, the optimum marked."""
+    """Write Fig. 4.3, 4.4, 4.5: f, f1 and f2 over l and k, with the optimum; infeasible designs are blank."""
     poses = workspace.workspace.poses_at_middle_angle()
     scans = {variant: scan(workspace, poses, workspace.bounds, variant, arm) for variant in VARIANTS}
     for number, name in ((3, 'f'), (4, 'f1'), (5, 'f2')):
@@ -18,7 +18,7 @@ def draw_objectives(folder, workspace, study, arm):
         for axes, (variant, found) in zip(figure.subplots(1, 2), scans.items(), strict=True):
             values = getattr(found.objectives, name)
             values = np.log10(np.where(np.isfinite(values), values, np.nan))
-            levels = np.nanmin(values) + np.linspace(0.0, 2.0, 41)  # two decades; beyond lies a singularity
+            levels = np.nanmin(values) + np.linspace(0.0, 2.0, 41)  # two decades; above: near a singularity
             image = axes.contourf(1e3 * found.l2, 1e3 * found.k10, values, levels=levels, extend='max')
             best = study.objectives[name, variant, 'middle'].optimum
             axes.plot(1e3 * best.l2, 1e3 * best.k10, 'r*', markersize=12, clip_on=False)
@@ -30,7 +30,7 @@ def draw_objectives(folder, workspace, study, arm):
 
 
 def draw_norms(folder, workspace, study, arm):
-    """Write Fig. 4.6 and 4.7: the sum of squared singular values at every pose of W, at the optima of f1 and of f2."""
+    """Write Fig. 4.6 and 4.7: the sum of squared singular values at every pose of W for the optima of f1 and f2."""
     poses = workspace.workspace.poses()
     for number, name in ((6, 'f1'), (7, 'f2')):
         figure = new_figure(9.0, 4.4)
@@ -54,7 +54,7 @@ def draw_pareto(folder, front, machine, design):
     ours = design.values['true']
     axes.plot(1e3 * ours['size'], ours['f1'], 'r*', markersize=12, label=f'{machine.name}, f2 = {ours["f2"]:.3g}')
     axes.set(xlabel='crossing of the guides to the farthest slider [mm]', ylabel='f1, mean magnification', yscale='log')
-    axes.set_title('designs of which none is better in everything')
+    axes.set_title('Pareto-optimal designs')
     axes.legend()
     axes.grid(alpha=0.3, which='both')
     save(figure, folder, 'pareto')

@@ -1,4 +1,4 @@
-"""Tables 4.1-4.5 of the thesis beside ours: every objective with either error matrix, and the error statistics."""
+"""Tables 4.1-4.5 of the thesis recomputed: every objective with either error matrix, and the error statistics."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -32,8 +32,8 @@ class ToleranceStudy:
     objectives : dict
         `Objective` by (name, variant, grid).
     designs : dict
-        `Geometry` by title: the initial one and the optima of the thesis's matrix, f and f1 at the middle angle and f2
-        over all, as the thesis has them.
+        `Geometry` by title: the initial one and the optima with the thesis's matrix. As in the thesis, f and f1 are
+        taken at the middle angle and f2 over all.
     statistics : dict
         {coordinate: Statistics} by (title, variant), over all angles.
 
@@ -45,7 +45,7 @@ class ToleranceStudy:
 
 
 def study_tolerance(workspace: OperationalWorkspace, arm=1e-3, on_step=lambda name: None) -> ToleranceStudy:
-    """Return the `ToleranceStudy` of `workspace`, angles on an `arm` [m]; `on_step` is told what begins."""
+    """Return the `ToleranceStudy` of `workspace`, angles on an `arm` [m]; `on_step` gets the name of each step."""
     grids = {'middle': workspace.workspace.poses_at_middle_angle(), 'all': workspace.workspace.poses()}
     initial = workspace.geometry(workspace.initial.l, workspace.initial.k)
     check_reach(initial, grids['all'])
@@ -71,9 +71,9 @@ def study_tolerance(workspace: OperationalWorkspace, arm=1e-3, on_step=lambda na
 
 def against_differences(machine, seed, samples=1000):
     """
-    Return {variant: (4,)}, by how much the rows of an error matrix differ from finite differences of the mechanism.
+    Return {variant: (4,)}, the difference of the rows of an error matrix from finite differences of the mechanism.
 
-    Largest difference over `samples` positions of a four_dof, rows x, y, z [m/m] and phi [rad/m].
+    It is the largest over `samples` positions of a four_dof; rows x, y, z [m/m] and phi [rad/m].
 
     Examples
     --------
@@ -90,7 +90,7 @@ def against_differences(machine, seed, samples=1000):
 
 
 class DesignOnWorkspace(NamedTuple):
-    """How one machine's link lengths do on an operational workspace."""
+    """Objectives and joint range of one machine's link lengths on an operational workspace."""
 
     values: dict  # {variant: {objective: value}}, all angles
     joints_needed: list  # of (name, lowest, highest needed, lower, upper limit) [m]
@@ -103,7 +103,8 @@ def design_on_workspace(machine, workspace, arm=1e-3):
     Raises
     ------
     WorkspaceError
-        If its links are too short or too long to reach all poses. Travel is only compared: a design may move it.
+        If the links are too short or too long to reach all poses. The travel is reported, not checked: a design may
+        shift it.
 
     """
     poses, drawn = workspace.workspace.poses(), geometry_of(machine)

@@ -1,4 +1,4 @@
-"""What an error budget expects of the machines to be built: models of config/design/tolerances.yaml."""
+"""Tolerances of the machines in an error budget: models of config/design/tolerances.yaml."""
 
 import math
 from typing import Annotated
@@ -9,7 +9,7 @@ from pkm_core.config import Config, find_config, load_config, quantity
 
 
 def _spread(unit):
-    """Return the model of a random error held in `unit`."""
+    """Return the model of a random error in `unit`."""
 
     class Spread(Config):
         """One random error: `normal` with this standard deviation, or `uniform` with this half width."""
@@ -29,7 +29,7 @@ def _spread(unit):
             return self.normal if self.uniform is None else self.uniform / math.sqrt(3.0)
 
         def draw(self, generator, size):
-            """Return independent errors of that `size`."""
+            """Return an array of independent errors of shape `size`."""
             if self.normal is not None:
                 return self.normal * generator.standard_normal(size)
             assert self.uniform is not None  # see _one_of_them
@@ -43,14 +43,14 @@ Expansion = Annotated[quantity('1/K'), Field(ge=0.0)]
 
 
 class BeltTolerances(Config):
-    """Belts that hold the platforms: stiffness and the torque they see."""
+    """Belts of the platforms: stiffness and load torque."""
 
     stiffness: Annotated[quantity('N m/rad'), Field(gt=0.0)]
     torque: TorqueSpread
 
 
 class ThermalTolerances(Config):
-    """Expansion, and how far temperatures stray from the one of calibration."""
+    """Coefficients of expansion, and deviations of the temperatures from that of calibration."""
 
     links_expand: Expansion
     links_warm: TemperatureSpread
@@ -59,7 +59,7 @@ class ThermalTolerances(Config):
 
 
 class Tolerances(Config):
-    """Spreads of everything that moves the end point; the rounding of the encoders is the machine's."""
+    """Spreads of all sources of end-point error; the rounding of the encoders is a property of the machine."""
 
     links: LengthSpread
     offsets: LengthSpread

@@ -1,4 +1,4 @@
-"""The units in which the design tools show errors of a pose."""
+"""Units of pose errors in the output of the design tools."""
 
 import numpy as np
 

@@ -1,9 +1,9 @@
 """
-The workspace by Monte-Carlo simulation and slicing, (3.30)-(3.32), and what is known of it exactly.
+The workspace by Monte-Carlo simulation and slicing, (3.30)-(3.32), and its exact extremes and volume.
 
-Samples of the joints are mapped to poses, cut into slices parallel to the xy-plane and counted into a grid table: a
-black and white image a slice. A cell that holds a sample counts whole, so the cells together are larger than the
-workspace (`Slices.bracket`); `measure` and `pose_volume` have no such bias.
+Samples of the joints are mapped to poses, cut into slices parallel to the xy-plane and counted in a grid table: one
+binary image per slice. A cell with a sample counts fully, so the cells overestimate the workspace (`Slices.bracket`).
+`measure` and `pose_volume` have no such bias.
 """
 
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ class Extreme(NamedTuple):
     """The lowest or highest value of one coordinate within the travel."""
 
     value: float  # [m] or [rad]
-    joints: np.ndarray  # (n,) [m] where it is reached
+    joints: np.ndarray  # (n,) joint positions of the value [m]
 
 
 def extremes(machine):
     """
-    Return {coordinate: (lowest, highest)}, each an `Extreme`: the best of a grid over the travel, refined by gradients.
+    Return {coordinate: (lowest, highest)}, each an `Extreme`: the best of a grid over the travel, refined by L-BFGS-B.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def pose_volume(machine, nodes=16):
     """
     Return the volume of all poses of `machine` [product of the units of its coordinates], the integral of abs(det J).
 
-    Poses and joint positions of one assembly belong to each other one to one, so nothing is counted twice.
+    The map between poses and joint positions of one assembly is one-to-one, so no pose is counted twice.
 
     Examples
     --------
@@ -99,13 +99,13 @@ def measure(inside, lower, upper, seed, points=1 << 16, repeats=8):
     Parameters
     ----------
     inside : callable
-        Takes points (N, d), returns for each whether it, or how much of it (0 to 1 or any density), belongs to the set.
+        Takes points (N, d), returns for each whether it belongs to the set, or any density (N,).
     lower, upper : sequence of d floats
         Corners of the box.
     seed : int
-        Of the scrambled Sobol sequences.
+        Seed of the scrambled Sobol sequences.
     points, repeats : int
-        Points of one sequence, and sequences, whose scatter is the error.
+        Points per sequence, and number of sequences; the error is computed from their scatter.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def measure(inside, lower, upper, seed, points=1 << 16, repeats=8):
 @dataclass(frozen=True)
 class Slices:
     """
-    Samples counted into a grid table a slice, (3.30)-(3.32); all slices share one grid, so they stack to a volume.
+    Samples in one grid table per slice, (3.30)-(3.32); all slices have the same grid.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Slices:
     cell : float
         Side of a cell [m].
     occupied : ndarray of bool, shape (slices, rows, columns)
-        Which cells hold a sample.
+        Whether a cell holds a sample.
 
     """
 
@@ -161,7 +161,7 @@ class Slices:
         return self.occupied.any(axis=0).sum() * self.cell**2
 
     def bracket(self):
-        """Return (least, most) volume [m^3]: of the cells that occupied ones surround, and of all that are occupied."""
+        """Return (least, most) volume [m^3]: of the cells with only occupied neighbours, and of all occupied cells."""
         from scipy.ndimage import binary_erosion
 
         return binary_erosion(self.occupied).sum() * self.cell**2 * self.thickness, self.volume()
@@ -177,9 +177,9 @@ class Slices:
 
     def contours(self):
         """
-        Return one closed contour (n, 2) [m] in x, y a slice: where its image changes from white to black.
+        Return one closed contour (n, 2) [m] in x, y per slice: the edge of its binary image.
 
-        It is the longest one that marching squares finds; holes and separate parts of a slice are left out.
+        It is the longest contour found by marching squares; holes and separate parts of a slice are omitted.
         """
         from skimage.measure import find_contours
 
@@ -216,12 +216,12 @@ def slice_positions(positions, slice_height, cell):
     (left, _, bottom), (_, top, highest) = positions.min(axis=0), positions.max(axis=0)
     h = max(1, round((highest - bottom) / slice_height))
     thickness = (highest - bottom) / h or slice_height
-    number = np.minimum(((positions[:, 2] - bottom) / thickness).astype(int), h - 1)  # the highest is in the last
+    number = np.minimum(((positions[:, 2] - bottom) / thickness).astype(int), h - 1)  # the highest in the last slice
     column = ((positions[:, 0] - left) / cell).astype(int)
     row = ((top - positions[:, 1]) / cell).astype(int)
     shape = (h, row.max() + 1, column.max() + 1)
     if np.prod(shape) > 1e9:
-        raise WorkspaceError(f'{" x ".join(map(str, shape))} cells; allowed up to 1e9: take larger ones')
+        raise WorkspaceError(f'{" x ".join(map(str, shape))} cells; allowed up to 1e9: choose larger cells')
     occupied = np.zeros(shape, dtype=bool)
     occupied[number, row, column] = True
     return Slices(bottom, thickness, left, top, cell, occupied)

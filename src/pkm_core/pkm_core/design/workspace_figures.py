@@ -1,15 +1,15 @@
-"""Figures 3.1 to 3.9 of the thesis for any four_dof, and the picture of a planar workspace."""
+"""Figures 3.1 to 3.9 of the thesis for any four_dof, and the figure of a planar workspace."""
 
 import numpy as np
 
 from pkm_core.design.envelope import clearance, orientation_range
 from pkm_core.plotting import new_figure, save
 
-_FROM_ORIGIN = -135.0  # azimuth [deg] of an eye at the machine's origin
+_FROM_ORIGIN = -135.0  # azimuth [deg] of a viewer at the machine's origin
 
 
 def draw_surfaces(folder, tessellation, surface):
-    """Write Fig. 3.1, the hull of the Delaunay baseline, and Fig. 3.4-3.7, the joined contours from four sides."""
+    """Write Fig. 3.1, the hull of the Delaunay tessellation, and Fig. 3.4-3.7, the joined contours from four sides."""
     turns = [(4, 0.0), (5, 90.0), (6, 180.0), (7, 270.0)]
     views = [('fig_3_1', tessellation.surface(), 0.0, '3-D Delaunay tessellation, seen from the origin')]
     views += [(f'fig_3_{n}', surface, turn, f'joined contours, turned {turn:g} deg clockwise') for n, turn in turns]
@@ -29,11 +29,11 @@ def _draw_mesh(axes, mesh):
     )
     lower, upper = mesh.bounds
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
-    axes.set(xlabel='x [mm]', ylabel='y [mm]', zlabel='z [mm]', box_aspect=(1.0, 1.0, 0.8))  # flat: z is stretched
+    axes.set(xlabel='x [mm]', ylabel='y [mm]', zlabel='z [mm]', box_aspect=(1.0, 1.0, 0.8))  # z is stretched
 
 
 def draw_grid_table(folder, run, samples=4000):
-    """Write Fig. 3.2, samples of the largest slice in its grid table, and Fig. 3.3, the binary image with its edge."""
+    """Write Fig. 3.2, samples of the largest slice in its grid table, and Fig. 3.3, its binary image with the edge."""
     slices = run.slices
     number = int(slices.areas().argmax())
     bottom = slices.bottom + number * slices.thickness
@@ -71,7 +71,7 @@ def draw_contours(folder, run):
         axes = figure.add_subplot(aspect='equal', xlabel='x [mm]', ylabel='y [mm]')
         for contour, height, colour in list(zip(run.contours, heights, colours, strict=True))[::order]:
             x, y = 1e3 * contour.T
-            axes.fill(x, y, facecolor=colour, edgecolor='k', linewidth=0.6, label=f'{height:.1f}')  # the near one hides
+            axes.fill(x, y, facecolor=colour, edgecolor='k', linewidth=0.6, label=f'{height:.1f}')  # the nearest on top
         axes.legend(title='z [mm]', fontsize='x-small', ncols=2, loc='upper right')
         axes.set_title(f'contours from the {title}')
         if order < 0:
@@ -80,7 +80,7 @@ def draw_contours(folder, run):
 
 
 def draw_exact_against_cells(folder, machine, run, shown=4, points=201):
-    """Write the contours of some slices over the exact boundary and the range of orientations at the same height."""
+    """Write the contours of `shown` slices with the exact boundary and range of orientations at the same height."""
     slices = run.slices
     left, right, bottom, top = extent = _extent(slices)
     x, y = np.meshgrid(1e-3 * np.linspace(left, right, points), 1e-3 * np.linspace(bottom, top, points))
@@ -96,7 +96,7 @@ def draw_exact_against_cells(folder, machine, run, shown=4, points=201):
         axes.contour(1e3 * x, 1e3 * y, clearance(machine, at), levels=[0.0], colors='C3')
         axes.plot(*(1e3 * run.contours[number].T), color='C0', linewidth=0.8)
         axes.set(xlabel='x [mm]', ylabel='y [mm]', title=f'z = {1e3 * z:.2f} mm')
-    figure.colorbar(image, ax=panels, label='orientations reached [deg]', shrink=0.6)
+    figure.colorbar(image, ax=panels, label='range of reachable orientations [deg]', shrink=0.6)
     figure.suptitle(f'exact boundary (red) and contour of {1e3 * slices.cell:g} mm cells (blue)')
     save(figure, folder, 'exact_boundary')
 

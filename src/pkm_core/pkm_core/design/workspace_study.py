@@ -1,4 +1,4 @@
-"""Everything `pkm workspace` tells of one machine: the Monte-Carlo workspace, the exact one, and how they differ."""
+"""Results of `pkm workspace`: the Monte-Carlo workspace, the exact workspace, and their differences."""
 
 import time
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class MonteCarlo:
 
     positions: np.ndarray  # (samples, 3) [m]; z = 0 for a planar machine
     slices: Slices
-    contours: list  # of (n, 2) [m], one a slice
+    contours: list  # of (n, 2) [m], one per slice
     seconds: float
 
 
@@ -36,7 +36,7 @@ def monte_carlo(machine, samples, slice_height, cell, seed):
 
 
 def box(machine):
-    """Return the corners (3,), (3,) [m] of the least box that holds all positions of a four_dof."""
+    """Return the corners (3,), (3,) [m] of the bounding box of all positions of a four_dof."""
     ends = extremes(machine)
     return tuple(np.array([ends[name][side].value for name in 'xyz']) for side in (0, 1))
 
@@ -55,15 +55,15 @@ def volume_with_orientations(machine, lowest, highest, seed):
     Raises
     ------
     WorkspaceError
-        If the range is inverted, or there is no such position.
+        If the range is inverted, or no position reaches it.
 
     """
     volume = measure(lambda points: reached_with(machine, points, lowest, highest), *box(machine), seed)
     if volume.value == 0.0:
         least, most = (np.degrees(end.value) for end in extremes(machine)['phi'])
         raise WorkspaceError(
-            f'empty workspace: every phi from {np.degrees(lowest):g} to {np.degrees(highest):g} deg reached nowhere; '
-            f'{machine.name} reaches {least:.2f} to {most:.2f} deg over its whole workspace'
+            f'empty workspace: no position reaches every phi from {np.degrees(lowest):g} to {np.degrees(highest):g} '
+            f'deg; the whole workspace of {machine.name} reaches {least:.2f} to {most:.2f} deg'
         )
     return volume
 
@@ -72,28 +72,28 @@ class Volume(NamedTuple):
     """The size of a workspace by one method [m^3, m^2]."""
 
     value: float
-    error: float | None = None  # standard error, where there is one
-    least: float | None = None  # without the cells at the edge, where there are cells
+    error: float | None = None  # standard error, None for methods without one
+    least: float | None = None  # without the cells at the edge, None for methods without cells
 
 
 @dataclass(frozen=True)
 class SpatialStudy:
-    """What is known of a four_dof's workspace beside its samples."""
+    """Volumes and surfaces of the workspace of a four_dof."""
 
     volumes: dict[str, Volume]  # by method
     tessellation: Tessellation
     joined: object  # trimesh of the joined contours [mm]
     envelope: object  # trimesh of the exact envelope [mm]
-    missed: int  # cells whose centre is reached but that hold no sample: samples are too few there
-    cut: int  # cells that hold a sample but whose centre is not reached: the boundary cuts them
+    missed: int  # cells with a reached centre but no sample, due to low sample density
+    cut: int  # cells with a sample but an unreached centre, cut by the boundary
 
 
 def study_spatial(machine, run, orientation, dexterous, seed, on_step=lambda name: None):
     """
     Return the `SpatialStudy` of a four_dof and its `MonteCarlo` workspace `run`.
 
-    `orientation` is that of the constant-orientation workspace, `dexterous` the range of the dexterous one [rad];
-    `on_step` is told what begins.
+    `orientation` is that of the constant-orientation workspace, `dexterous` the range of the dexterous one [rad].
+    `on_step` is called with the name of each step when it begins.
     """
     on_step('closed form: orientations')
     constant, every = (volume_with_orientations(machine, *span, seed) for span in ((orientation,) * 2, dexterous))
@@ -142,6 +142,6 @@ def extreme_figures(machine):
 
 
 def box_against_thesis(machine):
-    """Return (ours, thesis's) size [mm] of the box in x and y; the latter None where Table 7.5 has none."""
+    """Return (computed, thesis's) size [mm] of the box in x and y; the latter is None if not in Table 7.5."""
     ends = extremes(machine)
     return tuple(1e3 * (ends[name][1].value - ends[name][0].value) for name in 'xy'), WORKSPACE_BOX.get(machine.name)

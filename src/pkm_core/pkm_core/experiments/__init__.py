@@ -1,1 +1,1 @@
-"""The experiments of chapters 7 and 8: what is driven over how many noise seeds; figures beside the thesis's."""
+"""The experiments of chapters 7 and 8 over several noise seeds, with the values of the thesis."""

@@ -1,9 +1,9 @@
 """
-The rigid 4-DOF machine stepped in three ways under the same forces: reference, the plant's rule, MuJoCo.
+The rigid 4-DOF machine integrated in three ways under the same forces: reference, the plant's rule, MuJoCo.
 
-The forces are those of case (i)(a), (5.24), held over each tick as an amplifier would, for one period of 70 ms. MuJoCo
-gets the mechanism as it is built, link by link in Cartesian space, from the same machine file: the loops are closed by
-equality constraints, belts are ideal.
+The forces are those of case (i)(a), (5.24), held over each tick as by an amplifier, for one period of 70 ms. The model
+of MuJoCo is the mechanism link by link in Cartesian space, from the same machine file. Its loops are closed by equality
+constraints; belts are ideal.
 """
 
 import numpy as np
@@ -42,7 +42,7 @@ def reference(machine, force):
 
 @njit(cache=True, error_model='numpy')
 def _step_rigid(q, qd, force, p, tick, substeps, path):
-    """The rule of plant_tick.advance on the rigid machine: terms in the middle of the substep, acceleration held."""
+    """Apply the rule of plant.tick to the rigid machine: terms at the middle of a substep, acceleration held."""
     n = q.size
     M, C, G, qdd = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n)
     middle, speed, right = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -64,7 +64,7 @@ def _step_rigid(q, qd, force, p, tick, substeps, path):
 
 
 def step_rigid(machine, force, substeps):
-    """Return the joint positions (T, 4) [m] at the end of every tick with `substeps` of the plant's rule in each."""
+    """Return the joint positions (T, 4) [m] at the end of every tick by the plant's rule with `substeps` per tick."""
     path = np.empty_like(force)
     _step_rigid(
         machine.home.copy(), np.zeros(4), force, machine.dynamic_parameters(), machine.sample_time, substeps, path
@@ -73,7 +73,7 @@ def step_rigid(machine, force, substeps):
 
 
 def _body(name, mass, centre, inertia, content, position=(0.0, 0.0, 0.0)):
-    """Return a body whose inertia is the same about every axis: only the turns of 5.1 take place."""
+    """Return a body with equal inertia about every axis, sufficient for the rotations of 5.1."""
     at, com = (' '.join(f'{value:.17g}' for value in vector) for vector in (position, centre))
     return (
         f'<body name="{name}" pos="{at}"><inertial mass="{mass:.17g}" pos="{com}" '
@@ -95,13 +95,13 @@ def _site(name, x=0.0):
 
 def mjcf(machine, step, integrator):
     """
-    Return the MJCF of `machine` to be stepped by `step` [s] with an integrator of MuJoCo ('Euler', 'RK4', ...).
+    Return the MJCF of `machine` for steps of `step` [s] with an integrator of MuJoCo ('Euler', 'RK4', ...).
 
-    Platforms P and Q have sliding joints only, so they cannot turn; the end-effector is kept level by the equality of
-    two angles; the turn of links 9 and 11 is that of the end-effector. Constraints are as stiff as MuJoCo allows.
+    Platforms P and Q have sliding joints only, so they cannot rotate. The equality of two angles keeps the end-effector
+    level. Links 9 and 11 rotate with the end-effector. Constraints are as stiff as MuJoCo allows.
     """
     g, m, inertias = machine.config.geometry, machine.config.masses, machine.config.inertias
-    slider_inertia = 1e-3  # never turns
+    slider_inertia = 1e-3  # a slider does not rotate
     bodies = []
     for number, axis in ((1, '1 0 0'), (3, '1 0 0'), (5, '0 1 0'), (7, '0 1 0')):
         link = f'{number + 1}'
@@ -148,7 +148,7 @@ def mjcf(machine, step, integrator):
 
 
 class MujocoChain:
-    """The same machine in MuJoCo, `substeps` of its steps in a tick."""
+    """The same machine in MuJoCo, with `substeps` steps per tick."""
 
     def __init__(self, machine, integrator, substeps):
         import mujoco
@@ -160,7 +160,7 @@ class MujocoChain:
         angles = machine.passive_angles(q)
         g = machine.config.geometry
         places = dict(zip(machine.joints, q, strict=True))
-        # th6 and th8 count from +X here as there
+        # th6 and th8 count from +X in both models
         places |= {name: angles[name] for name in ('th2', 'th4', 'th6', 'th8', 'theta10', 'theta12', 'phi')}
         places |= {'phi11': angles['phi'], 'level': -angles['theta10']}
         places |= {'Px': 0.5 * (q[0] + q[1]), 'Py': g.l2 * np.sin(angles['th2'])}

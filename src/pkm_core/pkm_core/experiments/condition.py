@@ -1,4 +1,4 @@
-"""What is driven and compared: one machine under one controller and learning law, in one environment."""
+"""A condition of an experiment: one machine with one controller and learning law in one environment."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -21,31 +21,31 @@ ENVIRONMENTS = ('nominal', 'exact', 'hard')
 @dataclass(frozen=True)
 class Condition:
     """
-    What is driven. `name` is its row in our tables, `column` that of the thesis's tables, '' where they have none.
+    A condition. `name` is its row in the tables, `column` its column in the thesis's tables, '' without one.
 
-    Cycles up to `settled` are not counted: the machine starts from power-up, and a law has to learn.
+    The first `settled` cycles are not counted: the machine starts from power-up, and a law needs cycles to learn.
     """
 
     name: str
     machine: str
     column: str = ''
-    control: str = 'robust'  # as `choose_control` takes it
+    control: str = 'robust'  # argument of `choose_control`
     law: str = 'none'
     settled: int = 3
-    coupled: bool = False  # whether the feedforward has what the design couples, see `design_feedforward`
+    coupled: bool = False  # whether the feedforward includes the coupling of the design, see `design_feedforward`
     environment: str = 'nominal'
     move_time: float | None = None  # [s] instead of that of the machine's default motion
 
 
 def motion_of(machine, move_time=None):
-    """Return name and `Motion`: the default one of a `Machine`, or the same in another time [s]."""
+    """Return name and `Motion`: the default motion of a `Machine`, with another move time [s] if given."""
     name = default_motion(machine)
     motion = load_motion(name)
     return name, motion if move_time is None else motion.model_copy(update={'move_time': move_time})
 
 
 class Prepared(NamedTuple):
-    """What a `Condition` is driven with."""
+    """The objects of a `Condition`."""
 
     machine: Machine
     motion: str
@@ -53,11 +53,11 @@ class Prepared(NamedTuple):
     joints: SampledTrajectory
     control: dict  # {joint: gains}
     law: Law | None
-    start: np.ndarray | None  # (N, n) [V] feedforward to begin with
+    start: np.ndarray | None  # (N, n) [V] initial feedforward
 
 
 def prepared(condition):
-    """Return the `Prepared` of a `Condition`; the same objects for all that differ in the environment only."""
+    """Return the `Prepared` of a `Condition`; conditions that differ only in the environment share its objects."""
     return _prepared(condition.machine, condition.control, condition.law, condition.coupled, condition.move_time)
 
 

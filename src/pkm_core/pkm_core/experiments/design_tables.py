@@ -1,4 +1,4 @@
-"""Tables 7.4 and 7.5: what the XY stage and the planar manipulator weigh, need and reach."""
+"""Tables 7.4 and 7.5: mass, effort and workspace of the XY stage and the planar manipulator."""
 
 from pkm_core.control.model import load_model
 from pkm_core.design.workspace import extremes
@@ -10,8 +10,8 @@ def effort_table(study):
     """
     Return Table 7.4 of the study of 'planar'.
 
-    Moving mass is thrust over the gain that identification found, (7.34). Current and power are those of the worst
-    joint under the robust controller, counted cycles; power is thrust times speed, without the heat in the coils.
+    Moving mass is thrust over the identified gain, (7.34). Current and power are those of the worst joint with the
+    robust controller in the counted cycles. Power is thrust times speed, without the heat in the coils.
     """
     columns = []
     for name in ('XY stage', 'robust'):
@@ -27,7 +27,7 @@ def effort_table(study):
         [name, theirs[0], form.format(stage), theirs[1], form.format(planar)]
         for name, theirs, form, stage, planar in zip(names, thesis, forms, *columns, strict=True)
     ]
-    return Table('Table 7.4, moves of 10 mm: 100 ms the stage, 80 ms the planar machine', _HEADINGS, rows)
+    return Table('Table 7.4, moves of 10 mm: XY stage in 100 ms, planar machine in 80 ms', _HEADINGS, rows)
 
 
 def size_table():
@@ -44,4 +44,4 @@ def size_table():
     return Table('Table 7.5', _HEADINGS, rows)
 
 
-_HEADINGS = ['', 'XY stage, thesis', 'ours', 'planar, thesis', 'ours']
+_HEADINGS = ['', 'XY stage, thesis', 'simulated', 'planar, thesis', 'simulated']

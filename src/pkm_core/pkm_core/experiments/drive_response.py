@@ -1,8 +1,8 @@
 """
 Frequency response of the amplifiers' current loop (Fig. 6.10), by its equations and measured by swept sine.
 
-What is measured is the compiled loop that the plant's tick calls, with a generator in the place of the held command:
-that one changes every 0.5 ms, which would end the sweep at 1 kHz.
+The measurement uses the compiled current loop of the plant's tick. A generator replaces the held command, which changes
+every 0.5 ms and would limit the sweep to 1 kHz.
 """
 
 import math
@@ -18,13 +18,13 @@ from pkm_core.plant.drive import current_loop_response
 from pkm_core.plant.tick import mean_current
 from pkm_core.plotting import new_figure, save
 
-LOWEST, HIGHEST = 100.0, 10e3  # Hz, of the thesis's sweep
-AMPLITUDE = 1.25  # A, at 1 V, as there; the loop is linear
+LOWEST, HIGHEST = 100.0, 10e3  # [Hz] of the thesis's sweep
+AMPLITUDE = 1.25  # [A] at 1 V, as in the thesis; the loop is linear
 
 
 @njit(cache=True, error_model='numpy')
 def _follow(axis, common, commands, currents):
-    """Fill `currents` with the mean over each step while the loop follows `commands` [A], one a step."""
+    """Fill `currents` with the mean current [A] over each step; `commands` [A] has one value per step."""
     for k in range(commands.size):
         axis[0].before = axis[0].demand
         axis[0].demand = commands[k]
@@ -35,15 +35,15 @@ def swept_sine(frequencies, drive):
     """
     Return the measured complex response current over command at `frequencies` (...,) [Hz].
 
-    Two periods a frequency, after the start has died away; the command is held over steps little longer than the
-    delay, and what holding and averaging do to a sine, a sinc each, is taken off.
+    Each frequency is measured over two periods after the initial transient. The command is held over steps slightly
+    longer than the delay. The effect of holding and averaging on a sine, a sinc each, is removed.
 
     Parameters
     ----------
     frequencies : array_like
-        [Hz].
+        Frequencies [Hz].
     drive : truth.Drive
-        Of `Plant.truth`.
+        Drive of `Plant.truth`.
 
     """
     step = drive.delay + 1e-6
@@ -83,13 +83,13 @@ def _figures(response):
 
 
 def sweep(drive, points=81):
-    """Return (frequencies [Hz], response by the equations, measured one), (points,) each, from 100 Hz to 10 kHz."""
+    """Return (frequencies [Hz], response by the equations, measured response), (points,) each, 100 Hz to 10 kHz."""
     frequencies = np.geomspace(LOWEST, HIGHEST, points)
     return frequencies, current_loop_response(frequencies, drive), swept_sine(frequencies, drive)
 
 
 def draw(folder, frequencies, equations, measured):
-    """Draw gain over that at 100 Hz and phase into folder/drive_response.png; Fig. 6.10."""
+    """Draw gain relative to 100 Hz, and phase, into folder/drive_response.png; Fig. 6.10."""
     figure = new_figure(8.0, 6.0)
     gain, phase = figure.subplots(2, 1, sharex=True)
     for label, response, style in (

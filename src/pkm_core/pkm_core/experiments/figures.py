@@ -1,8 +1,8 @@
 """
 Figures 7.15 to 7.29 and 8.16 to 8.42 from the runs of the first noise seed in the nominal environment.
 
-The captions of most are lost in the text of the thesis. From those left, the number of figures and their order: an
-actuator each of sensitivity, tracking, error and driving current, then the end point, convergence and settling.
+Most captions are missing in the text of the thesis. Number and order of the figures follow from the others:
+sensitivity, tracking, error and driving current of each actuator, then end point, convergence and settling.
 """
 
 from itertools import count
@@ -24,7 +24,7 @@ _TIME = 'time [ms]'
 
 
 def plot_study(study, folder):
-    """Draw every figure of a `Study` into `folder` and return {number: (file, what it shows)}."""
+    """Draw every figure of a `Study` into `folder` and return {number: (file, subject)}."""
     runs = {name: study.outcomes[name, 'nominal'][0] for name in CONTROLS}
     learned = runs[CONTROLS[-1]]
     machine = prepared(learned.condition).machine
@@ -36,7 +36,7 @@ def plot_study(study, folder):
         path = folder / f'fig_{number.replace(".", "_")}.png'
         figure = Figure(figsize=(width, 1.2 + 2.4 * rows), layout='constrained')
         FigureCanvasAgg(figure)
-        figure.suptitle(f'{study.experiment}: {what} (in the place of Fig. {number})', fontsize='medium')
+        figure.suptitle(f'{study.experiment}: {what} (corresponds to Fig. {number})', fontsize='medium')
         drawing(figure, *arguments)
         figure.savefig(path, dpi=100)
         made[number] = (path, what)
@@ -153,7 +153,7 @@ def _convergence(figure, study):
 
 
 def _settling(figure, run, machine):
-    """Draw what the laser saw (grey) from the end of the first profile on, and the currents of all drives (black)."""
+    """Draw the error by the laser (grey) after the end of the first profile, and the currents of all drives (black)."""
     record = run.shown[1]
     histories = laser_histories(record) or end_point_histories(record, machine)
     gain, start = machine.config.drive.amplifier_gain, record.move_ends[0]

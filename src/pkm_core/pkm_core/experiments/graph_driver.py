@@ -1,4 +1,4 @@
-"""How experiments find the ROS 2 graph, which the core knows nothing of: by the entry-point group `pkm.graphs`."""
+"""Access of experiments to the ROS 2 graph by the entry-point group `pkm.graphs`; the core does not import ROS."""
 
 from importlib.metadata import entry_points
 
@@ -7,18 +7,18 @@ from pkm_core.errors import PkmError
 
 def graph_driver():
     """
-    Return ``drive(runs, cycles, arrangement, folder, on_done)``, which drives runs on the graph.
+    Return ``drive(runs, cycles, arrangement, folder, on_done)``, which executes runs on the graph.
 
-    `runs` are tuples of `Condition` and seed; it returns an `Outcome` for each of `cycles` counted cycles. Bags stay in
-    `folder`, if that is not None.
+    `runs` are tuples of `Condition` and seed; the result is one `Outcome` of `cycles` counted cycles per run. Bags are
+    kept in `folder`, if it is not None.
 
     Raises
     ------
     PkmError
-        If no installed package has one.
+        If no installed package has such an entry point.
 
     """
     found = [entry for entry in entry_points(group='pkm.graphs') if entry.name == 'drive']
     if not found:
-        raise PkmError('--arrangement: no installed package drives the ROS 2 graph; without pkm_nodes give simulation')
+        raise PkmError('--arrangement: no installed package drives the ROS 2 graph; allowed: simulation')
     return found[0].load()

@@ -1,9 +1,9 @@
 """
-Sine forces without any control, (5.22)-(5.25): what the equations of motion say, and what the simulated machine does.
+Sine forces without control, (5.22)-(5.25): response by the equations of motion and of the simulated machine.
 
-F1 = F5 = a sin(w t), F3 = F7 = a sin(w t - lag) for two periods, from rest at home. A sine that starts at rest gives an
-oscillation on a drift. F > 0 pushes along +d on every slider; the thesis prints the rows of d3 and d5 in M_p the other
-way round and has lost its initial positions, so its pictures can only be compared in kind.
+F1 = F5 = a sin(w t), F3 = F7 = a sin(w t - lag) for two periods, from rest at home. A sine force from rest causes an
+oscillation and a drift. F > 0 acts along +d on every slider. The thesis has the opposite sign in the rows of d3 and d5
+of M_p, and its initial positions are illegible; its figures can only be compared qualitatively.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from pkm_core.errors import PkmError
 from pkm_core.plant.belts import four_dof_belt_terms
 from pkm_core.plant.plant import Plant
 
-AMPLITUDE = 10.5  # N, (5.22): the thrust at about 1 V
+AMPLITUDE = 10.5  # [N] (5.22): the thrust at about 1 V
 PERIODS = 2
-REST = 0.1  # s without force, in which belts come to rest
-BELT_DAMPING = 0.03  # of critical, with the carriages held; chosen
-_SAMPLES = 281  # of the integrated models, about one a tick
+REST = 0.1  # [s] without force, in which belts come to rest
+BELT_DAMPING = 0.03  # [of critical] with the carriages held; chosen
+_SAMPLES = 281  # of the integrated models, about one per tick
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class ForceCase:
 
     @property
     def duration(self):
-        """Time the forces last [s]."""
+        """Duration of the forces [s]."""
         return PERIODS * 2.0 * np.pi / self.rate
 
     def force(self, time):
-        """Return the forces (..., 4) [N] on d1, d3, d5, d7 at `time` (...,) [s]; zero once they are over."""
+        """Return the forces (..., 4) [N] on d1, d3, d5, d7 at `time` (...,) [s]; zero after `duration`."""
         time = np.asarray(time)[..., np.newaxis]
         sine = AMPLITUDE * np.sin(self.rate * time - self.lag * np.array([0.0, 1.0, 0.0, 1.0]))
         return np.where(time <= self.duration, sine, 0.0)
@@ -54,20 +54,21 @@ CASES = {
 @dataclass(frozen=True)
 class Response:
     """
-    The answer of one model to one case; a row is a sample, the first at rest.
+    The response of one model to one case; one row per sample, the first at rest.
 
     Attributes
     ----------
     time : ndarray, shape (T,)
-        [s].
+        Time [s].
     force, q : ndarray, shape (T, 4)
-        Asked for [N]; true joint positions [m].
+        Commanded forces [N]; true joint positions [m].
     pose : ndarray, shape (T, 4)
         End point x, y, z [m], phi [rad].
     belts, belt_shift : ndarray, shape (T, 2) and (T, 4), or None
-        Rotations psi_p, psi_q of the platforms [rad], and how far they move the end point; None where belts are stiff.
+        Rotations psi_p, psi_q of the platforms [rad] and the resulting shift of the end point [m, rad]; None with
+        rigid belts.
     fault : str or None
-        What stopped the machine; the integrated models have no stops.
+        Fault of the machine; the integrated models have none.
 
     """
 
@@ -87,21 +88,21 @@ def integrate(machine, case, belt_stiffness=None):
     Parameters
     ----------
     machine : FourDof
-        Its nominal design.
+        Machine with its nominal design.
     case : ForceCase
         One of `CASES`.
     belt_stiffness : float, optional
-        kb [N m/rad]: the full model of 5.5 with the rotations of the platforms as two more coordinates, and some more
-        time to come to rest. Their damping is `BELT_DAMPING`.
+        kb [N m/rad]; selects the full model of 5.5. The rotations of the platforms are two more coordinates with the
+        damping `BELT_DAMPING`, and the response is longer by `REST`.
 
     Raises
     ------
     PkmError
-        If the machine is no 4-DOF manipulator.
+        If the machine is not a 4-DOF manipulator.
 
     """
     if machine.config.mechanism != 'four_dof':
-        raise PkmError(f'{machine.name}: a {machine.config.mechanism} given; the cases (5.22)-(5.25) are of a four_dof')
+        raise PkmError(f'{machine.name}: a {machine.config.mechanism} given; expected a four_dof for (5.22)-(5.25)')
     terms, p, start = machine.terms, machine.dynamic_parameters(), machine.home
     duration, samples = case.duration, _SAMPLES
     if belt_stiffness is not None:
@@ -118,7 +119,7 @@ def integrate(machine, case, belt_stiffness=None):
         return np.append(state[m:], np.linalg.solve(M, force - C - G))
 
     time = np.linspace(0.0, duration, samples)
-    # 1e-13 m; no step across the end of the forces, which a step of 10 times the sampling could miss
+    # accuracy 1e-13 m; max_step keeps the integrator from stepping over the end of the forces
     solution = solve_ivp(
         rate, (0.0, duration), np.append(start, np.zeros(m)), 'DOP853', time, rtol=1e-10, atol=1e-13, max_step=1e-3
     )
@@ -131,10 +132,10 @@ def integrate(machine, case, belt_stiffness=None):
 
 
 def _with_belts(p, home, stiffness):
-    """Return the parameters of the full model, and its position at rest with the belts bent by gravity."""
+    """Return the parameters of the full model, and its position at rest with the belts loaded by gravity."""
     p, q, still = np.append(p, [stiffness, 0.0]), np.append(home, [0.0, 0.0]), np.zeros(6)
     M, C, G = np.empty((6, 6)), np.empty(6), np.empty(6)
-    for _ in range(3):  # Newton's steps; belts are far stiffer than the weight
+    for _ in range(3):  # Newton steps; the deflection by gravity is small
         four_dof_belt_terms(q, still, p, M, C, G)
         q[4:] -= (C[4:] + G[4:]) / stiffness
     p[-1] = 2.0 * BELT_DAMPING * np.sqrt(stiffness * M[4, 4])
@@ -142,7 +143,7 @@ def _with_belts(p, home, stiffness):
 
 
 def play(machine, case, seed, environment):
-    """Return the `Response` of the whole simulated machine to the voltages that ask for the forces of `case`."""
+    """Return the `Response` of the complete simulated machine to the drive voltages of the forces of `case`."""
     plant = Plant(machine, seed, environment)
     ticks = round(case.duration / machine.sample_time)
     if plant.truth.belts.size:

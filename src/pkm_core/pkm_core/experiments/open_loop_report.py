@@ -1,4 +1,4 @@
-"""What the open-loop responses show: figures as numbers, as CSV and as pictures; mm, deg and um at this edge."""
+"""Results of the open-loop responses as numbers, CSV files and figures, in mm, deg and um."""
 
 import csv
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from pkm_core.plotting import new_figure, save
 
-# Two periods on the nominal design by an independent program, another formulation of the dynamics, tolerances 1e-10.
+# Two periods of the nominal design by an independent program: another formulation of the dynamics, tolerances 1e-10.
 REFERENCE = {
     'i_a': {
         'net_mm': (18.82, 17.80, 20.69, 16.28),
@@ -40,8 +40,8 @@ def figures(machine, case, response):
     """
     Return the figures of one `Response` by name.
 
-    Net displacement and end-effector span are those of the time the forces last; the amplitude is that of the sine in
-    the least-squares fit of constant, drift and sine of the case's rate to each joint.
+    Net displacement and end-effector span are those over the duration of the forces. The amplitude is that of the sine
+    in the least-squares fit of constant, drift and sine to each joint.
     """
     driven = response.time <= case.duration * (1.0 + 1e-9)
     time, q, pose = response.time[driven], response.q[driven], response.pose[driven]
@@ -71,7 +71,7 @@ def figures(machine, case, response):
 
 
 def leaves_travel(machine, time, q):
-    """Return (joint, time [s]) where the first joint leaves its travel, or (None, None)."""
+    """Return (joint, time [s]) of the first joint to leave its travel, or (None, None)."""
     beyond = np.maximum(q - machine.limits.upper, machine.limits.lower - q)
     outside = np.argwhere(beyond > 0.0)
     if not outside.size:
@@ -84,7 +84,7 @@ def leaves_travel(machine, time, q):
 
 
 def write_csv(path, machine, response):
-    """Write one row a sample to `path`: time, forces, joints, end point and, if there are any, turns by the belts."""
+    """Write one row per sample to `path`: time, forces, joints, end point and, with belts, platform rotations."""
     units = ('deg' if name == 'phi' else 'mm' for name in machine.coordinates)
     heading = [
         'time_s',
@@ -130,7 +130,7 @@ def draw(folder, name, machine, case, responses):
 
 
 def draw_belts(folder, name, machine, case, responses):
-    """Draw turn of the platforms and shift of the end point into folder/open_loop_<name>_belts.png; Fig. 5.11."""
+    """Draw rotation of the platforms and shift of the end point into folder/open_loop_<name>_belts.png; Fig. 5.11."""
     figure = new_figure(8.0, 6.5)
     turns, shifts = figure.subplots(2, 1, sharex=True)
     for model, response in responses.items():
@@ -140,7 +140,7 @@ def draw_belts(folder, name, machine, case, responses):
         for column, coordinate in enumerate(machine.coordinates[:3]):
             shifts.plot(time, 1e6 * response.belt_shift[:, column], linewidth=1.0, label=f'{coordinate}, {model}')
     turns.set(
-        ylabel='turn of the platforms [deg]', title=f'case {case.title}; forces end at {1e3 * case.duration:.1f} ms'
+        ylabel='rotation of the platforms [deg]', title=f'case {case.title}; forces end at {1e3 * case.duration:.1f} ms'
     )
     shifts.set(ylabel='shift of the end point [um]', xlabel='time [ms]')
     for axes in (turns, shifts):

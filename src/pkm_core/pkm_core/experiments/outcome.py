@@ -1,4 +1,4 @@
-"""What one condition with one noise seed has come to, cycle by cycle, and the spread over cycles and seeds."""
+"""Results of one condition with one noise seed by cycle, and the spread over cycles and seeds."""
 
 from dataclasses import dataclass, fields
 
@@ -14,22 +14,22 @@ QUANTITIES = tuple(field.name for field in fields(AxisMetrics))
 
 @dataclass(frozen=True)
 class Outcome:
-    """Figures of a run; arrays are (cycles, axes) by quantity of `AxisMetrics`, [m] and [s], nan: never settled."""
+    """Figures of a run; arrays (cycles, axes) by quantity of `AxisMetrics` in m and s, nan: does not settle."""
 
     condition: Condition
     seed: int
     joints: tuple[str, ...]
     coordinates: tuple[str, ...]
-    encoders: dict[str, np.ndarray]  # by the encoders, axes are the joints
-    laser: dict[str, np.ndarray]  # by the laser, axes are the coordinates, rotations as displacement; {} without one
-    peak_voltage: float  # [V] over the counted cycles, any joint
-    peak_power: float  # [W] thrust times speed, likewise
+    encoders: dict[str, np.ndarray]  # by the encoders; axes are the joints
+    laser: dict[str, np.ndarray]  # by the laser; axes are the coordinates, rotations as displacement; {} without laser
+    peak_voltage: float  # [V] of all joints over the counted cycles
+    peak_power: float  # [W] thrust times speed, of all joints over the counted cycles
     notices: tuple[str, ...]
     shown: tuple[CycleRecord, CycleRecord]  # the first and the last cycle
 
     @property
     def counted(self):
-        """Slice of the cycles that count."""
+        """Slice of the counted cycles."""
         return slice(self.condition.settled, None)
 
 
@@ -60,18 +60,18 @@ def _stacked(histories):
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, the size that 95 % of the cycles do not exceed, and the share of cycles in which an axis never settles."""
+    """Mean, 95th percentile of the absolute value, and the share of cycles in which an axis does not settle."""
 
-    mean: float  # inf if any never settles
+    mean: float  # inf if an axis does not settle in any cycle
     p95: float
     never: float
 
 
 def spread(values, factor=1.0):
-    """Return the `Spread` of `factor` times `values`, any shape, nan where an axis never settles."""
+    """Return the `Spread` of `factor` times `values` of any shape; nan: does not settle."""
     never = np.isnan(values)
     values = np.where(never, np.inf, factor * values)
-    p95 = np.percentile(np.abs(values), 95, method='higher')  # a value that occurred: inf allows nothing between
+    p95 = np.percentile(np.abs(values), 95, method='higher')  # an actual value: inf cannot be interpolated
     return Spread(float(values.mean()), float(p95), float(never.mean()))
 
 

@@ -1,4 +1,4 @@
-"""Results of a learning law on machines it was not designed for: same controllers and models, random plants."""
+"""Results of a learning law on random plants with unchanged controllers and models."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What an experiment has to say: tables for the terminal and as Markdown, and everything as data."""
+"""Results of an experiment: tables for the terminal and as Markdown, and all values as data."""
 
 from dataclasses import asdict
 

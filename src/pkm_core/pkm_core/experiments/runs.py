@@ -1,4 +1,4 @@
-"""Runs of experiments spread over processes or a dask cluster; what comes out does not depend on how."""
+"""Runs of experiments on processes or a dask cluster; the result does not depend on their distribution."""
 
 from concurrent.futures import as_completed
 
@@ -15,9 +15,9 @@ def measure(condition, seed, cycles, laser=True):
 
 def farm(executor, tasks, on_done=lambda done: None):
     """
-    Return the results of `tasks`, tuples of a function and its arguments, in their order.
+    Return the results of `tasks`, tuples of a function and its arguments, in the order of `tasks`.
 
-    `on_done` is called with the number of finished tasks. After a refusal nothing further is begun.
+    `on_done` is called with the number of finished tasks. The first error cancels the tasks that have not started.
     """
     futures = [executor.submit(*task) for task in tasks]
     try:

@@ -1,4 +1,4 @@
-"""A condition driven without ROS, as the records that a run of the cell would leave in its bags."""
+"""Simulation of a condition without ROS, as the records that a run of the cell writes to its bags."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from pkm_core.simulation.cycles import run_cycles
 
 
 def simulate(condition, seed, cycles, *, laser=True):
-    """Return the `CycleRecord`s of `cycles` cycles of a `Condition` from power-up, and what its monitors noticed."""
+    """Return the `CycleRecord`s of `cycles` cycles of a `Condition` from power-up, and the notices of its monitors."""
     machine, motion, poses, joints, control, law, start = prepared(condition)
     ran = run_cycles(machine, joints, control, law, cycles, seed, condition.environment, start, laser)
     samples, unseen = len(joints), (np.zeros(0), np.zeros((0, len(machine.coordinates))))

@@ -1,4 +1,4 @@
-"""An experiment as a whole: every condition in every environment with every noise seed."""
+"""A whole experiment: every condition in every environment with every noise seed."""
 
 from dataclasses import dataclass, replace
 
@@ -8,12 +8,12 @@ from pkm_core.experiments.outcome import Outcome
 
 @dataclass(frozen=True)
 class Study:
-    """What was driven: `outcomes` are by the name of a condition and the environment, one a seed."""
+    """Results of an experiment: `outcomes` by name of a condition and environment, one per seed."""
 
     experiment: str
     arrangement: str
     seeds: int
-    cycles: int  # counted ones of each run
+    cycles: int  # counted cycles of each run
     outcomes: dict[tuple[str, str], list[Outcome]]
 
     def conditions(self, machine=None):
@@ -25,8 +25,8 @@ def run_study(experiment, arrangement, drive, seeds, cycles):
     """
     Return the `Study` of 'planar' or 'four_dof' over noise seeds 1 to `seeds`.
 
-    ``drive(runs, cycles)`` returns one `Outcome` for each of `runs`, tuples of condition and seed; `arrangement` says
-    how it does that.
+    ``drive(runs, cycles)`` returns one `Outcome` per run, a tuple of condition and seed; `arrangement` is the name of
+    its method.
     """
     wanted = [
         replace(condition, environment=environment)

@@ -1,4 +1,4 @@
-"""Tables 7.2, 7.3, 8.2 and 8.3: every figure of a study beside the thesis's, one row a controller."""
+"""Tables 7.2, 7.3, 8.2 and 8.3: every figure of a study with that of the thesis, one row per controller."""
 
 from pkm_core.experiments.condition import ENVIRONMENTS
 from pkm_core.experiments.outcome import counted, spread, worst_axis
@@ -15,7 +15,7 @@ WORST = 'worst'  # of the axes
 
 
 def joint_rows(study):
-    """Return the rows of Table 7.2 or 8.2, a dict each; errors by the encoders, the worst axis of a cycle last."""
+    """Return the rows of Table 7.2 or 8.2 as dicts; errors by the encoders, the worst axis of a cycle last."""
     machine = study.experiment
     axes = [*study.outcomes['robust', 'nominal'][0].joints, WORST]
     return _rows(study, study.conditions(machine), 'encoders', axes, JOINT_SPACE[machine])
@@ -23,9 +23,9 @@ def joint_rows(study):
 
 def end_point_rows(study):
     """
-    Return the rows of Table 7.3 or 8.3; errors by the laser alone; none if the study had no laser.
+    Return the rows of Table 7.3 or 8.3, errors by the laser; empty without a laser.
 
-    The laser's steps of 0.91 um are too coarse to tell when an axis has settled to 1 um.
+    Settling to 1 um is omitted: the resolution of the laser, 0.91 um, is too coarse for it.
     """
     if not study.outcomes['robust', 'nominal'][0].laser:
         return []
@@ -62,7 +62,7 @@ def _spread(outcomes, source, quantity, axis, factor):
 
 
 def _thesis(reported, key, axis, column):
-    """Return the thesis's value, 'lost' where its cell is, or None where it has none."""
+    """Return the value of the thesis, 'lost' for an illegible cell, or None without a cell."""
     if column not in reported.columns or axis not in reported.values.get(key, {}):
         return None
     value = reported.values[key][axis][reported.columns.index(column)]
@@ -70,7 +70,7 @@ def _thesis(reported, key, axis, column):
 
 
 def spread_table(title, rows, environments):
-    """Return `rows` as a `Table`: mean (and what 95 % of the cycles keep), or in how many an axis never settles."""
+    """Return `rows` as a `Table`: mean (95th percentile), or the share of cycles in which an axis does not settle."""
     headings = ['', 'axis', 'control', 'thesis', *environments]
     labels = {key: (heading, form) for key, heading, _, form in QUANTITIES.values()}
     cells, before = [], (None, None)
@@ -93,4 +93,4 @@ def _text(found, form):
     if found.never:
         return f'{100 * found.never:.0f} % never'
     mean = form.format(found.mean)
-    return f'{mean if float(mean) else mean.removeprefix("-")} ({form.format(found.p95)})'  # no zero with a sign
+    return f'{mean if float(mean) else mean.removeprefix("-")} ({form.format(found.p95)})'  # no negative zero

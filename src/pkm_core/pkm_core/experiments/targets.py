@@ -1,5 +1,5 @@
 """
-What control and learning are to reach, and what they do reach: the table of issue 4, each row with its figures.
+Targets of control and learning, and the values reached: one row per target.
 
 Errors are those of the worst axis of a cycle, by the encoders, over all noise seeds and counted cycles.
 """
@@ -20,7 +20,7 @@ from pkm_core.machines import load_machine
 
 UM = 1e6
 NAMES = {'four_dof': '4-DOF', 'planar': 'planar'}
-GOALS: dict[str, dict] = {  # [um]; of best: mean and 95 %
+GOALS: dict[str, dict] = {  # [um]; best: mean and 95 %
     'four_dof': {'robust': 20.0, 'thesis': 2.0, 'best': (1.0, 1.8), 'hard': 3.5, 'transfer': 4.0},
     'planar': {'robust': 23.0, 'thesis': 2.5, 'best': (1.2, None), 'hard': 5.0, 'transfer': 8.0},
 }
@@ -29,12 +29,12 @@ SHORTER = {40e-3: 1.5, 30e-3: 2.5}  # [s]: [um]
 LASER = {'x': 0.91, 'y': 0.91, 'z': 0.91, 'phi': 1.82}  # [um], Table 8.3
 LONG = 100  # cycles without drift
 RANDOM_CYCLES, RANDOM_COUNTED = 20, 10
-RANDOM_MACHINES = 10  # a seed
+RANDOM_MACHINES = 10  # per seed
 
 
 @dataclass(frozen=True)
 class Target:
-    """A row: what, the thesis's figure, the goal, what is reached, and whether that is the goal (None: told only)."""
+    """One target: subject, value of the thesis, goal, value reached, and whether it is met (None: reported only)."""
 
     what: str
     thesis: str
@@ -44,7 +44,7 @@ class Target:
 
 
 def target_tasks(seeds, cycles):
-    """Return {key: tuple of a function and its arguments} of all that has to be driven, for `farm`."""
+    """Return {key: tuple of a function and its arguments} of all runs, for `farm`."""
     tasks: dict[tuple, tuple] = {}
     for machine in NAMES:
         by_name = {each.name: each for each in conditions(machine)}
@@ -69,7 +69,7 @@ def target_tasks(seeds, cycles):
 
 
 def random_machine_error(condition, number):
-    """Return max dynamic error [m] by cycle, whether the last cycles settle at once, and what the monitors noticed."""
+    """Return max dynamic error [m] by cycle, whether the last cycles settle at once, and the monitors' notices."""
     given = prepared(condition)
     records = drive_one(given.machine, given.joints, given.control, given.law, number, RANDOM_CYCLES)
     settled = (records.metric('settling_time_5um')[-RANDOM_COUNTED:] == 0).all()
@@ -77,7 +77,7 @@ def random_machine_error(condition, number):
 
 
 def targets(results):
-    """Return the `Target`s from {key: result} of `target_tasks`."""
+    """Return the `Target`s for {key: result} of `target_tasks`."""
     rows = [*_loops()]
     found = {}
     for (machine, name, _), result in results.items():
@@ -88,7 +88,7 @@ def targets(results):
 
 
 def _loops():
-    """Return the rows of the loops of all three machines, the worst axis of each figure."""
+    """Yield the rows of the loops of all three machines; each figure is that of the worst axis."""
     for what, judge, limits in (
         ('loop, all axes of three machines', stability_margins, (8.5, 45.0, 1.8)),
         ('... gain +-20 %, modes +-5 %, signs of zeros', worst_margins, (6.0, 38.0, 2.3)),
@@ -154,7 +154,7 @@ def _thesis_law(name, thesis, outcomes, limit):
 
 def _settling(name, outcomes):
     yield _settled(f'{name} settling after learning, 5 um', outcomes, 'settling_time_5um', 1.0)
-    # noise of +-1 count reaches 1 um now and then, so one cycle in fifty may seem unsettled
+    # noise of +-1 count occasionally reaches 1 um, so one cycle in fifty may count as unsettled
     yield _settled('... 1 um', outcomes, 'settling_time_1um', 0.98)
 
 
@@ -190,7 +190,7 @@ def _transfer(name, results, limit):
 
 
 def _laser(name, found):
-    """Return the rows of the laser: links as drawn, and what their errors leave."""
+    """Yield the rows of the laser: links as drawn, and links with errors."""
     for key, what in (('exact', f'{name} by laser at rest, links as drawn'), ('best', '... links off by 10 um')):
         outcomes, cells, met = found[key], [], True
         for column, axis in enumerate(outcomes[0].coordinates):

@@ -1,4 +1,4 @@
-"""Parameters of the basis law on moves it has never driven: the error of their very first cycle."""
+"""Transfer of the parameters of the basis law to moves without learning: the error of their first cycle."""
 
 from functools import cache
 
@@ -12,12 +12,12 @@ from pkm_core.motion.planning import Motion, Target, default_motion, load_motion
 from pkm_core.motion.trajectory import to_joints
 from pkm_core.simulation.cycles import run_cycles
 
-CYCLES = 6  # of the training motion; the last of its updates hardly changes the parameters
-DAY_AFTER = 100  # added to the seed: the moves are driven after another power-up, with other noise
+CYCLES = 6  # of the training motion; the last update changes the parameters very little
+DAY_AFTER = 100  # added to the seed: the moves follow another power-up, with other noise
 
 
 def moves_never_learned(machine):
-    """Return the machine's own motion, one axis alone, half its length oppositely, and two moves drawn at random."""
+    """Return the default motion, a move of one axis, a move of opposite axes, and two random moves."""
     n = len(machine.joints)
     drawn = np.random.default_rng(5).uniform(-5e-3, 5e-3, (2, n))
     motions = [load_motion(default_motion(machine))]
@@ -37,7 +37,7 @@ def _prepared(name):
 
 
 def transfer(name, seed):
-    """Return max dynamic error [m] and settling time to 5 um [s] of the worst axis on each move never learned."""
+    """Return max dynamic error [m] and settling time to 5 um [s] of the worst axis of each move without learning."""
     machine, control, law, training, moves = _prepared(name)
     learned = run_cycles(machine, training, control, law, CYCLES, seed).feedforward[-1]
     bound = law.with_reference(training)

@@ -1,4 +1,4 @@
-"""What a fit is made from: one axis over one record, and the record of all joints it is taken from."""
+"""Input of a fit: the data of one axis, and the record of all joints from which it is taken."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,33 +8,33 @@ import numpy as np
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.coupling import reaction_voltage
 
-_FOLLOWS = 0.5  # share of the reference's way; a loop that is closed at all does far better
+_FOLLOWS = 0.5  # least range of motion over that of the reference; any closed loop is close to 1
 
 
 @dataclass(frozen=True)
 class AxisData:
     """
-    One axis, sampled evenly: what it was told and where it was.
+    Drive voltage and position of one axis, sampled evenly.
 
-    Construction refuses what does not fit together or is not finite with an `IdentificationError`. Of somebody else's
-    axis, [V] and [m] stand for the units of its drive and its sensor.
+    Arrays of different lengths and values that are not finite raise an `IdentificationError`. For an axis of another
+    machine, [V] and [m] stand for the units of its drive and its sensor.
     """
 
-    name: str  # for messages: where this comes from
+    name: str  # source of the data, for messages
     sample_time: float  # [s]
     voltage: np.ndarray  # (N,) sent to the drive [V]; acts `computation` samples later
     position: np.ndarray  # (N,) [m]
-    reference: np.ndarray | None = None  # (N,) what it should have done [m]: free of noise, so an instrument
-    excitation: np.ndarray | None = None  # (N,) what was added to the controller's voltage [V]
-    reaction: np.ndarray | None = None  # (N,) what the other axes' motion costs this one [V], see `reaction_voltage`
+    reference: np.ndarray | None = None  # (N,) reference position [m]; free of noise, hence usable as an instrument
+    excitation: np.ndarray | None = None  # (N,) voltage added to that of the controller [V]
+    reaction: np.ndarray | None = None  # (N,) voltage spent on the reaction of the other axes [V], `reaction_voltage`
     moves: tuple[tuple[int, int], ...] = ()  # (start, end) samples of rest-to-rest moves; () if unknown
-    limit: float = np.inf  # the drive saturates there [V]
-    computation: int = 1  # whole samples from reading a position to the voltage that answers it
+    limit: float = np.inf  # saturation of the drive [V]
+    computation: int = 1  # whole samples from the reading of a position to the voltage computed from it
 
     def __post_init__(self):
         samples = len(self.position)
         if samples == 0:
-            raise IdentificationError(f'{self.name}: is empty: 0 samples')
+            raise IdentificationError(f'{self.name}: 0 samples; at least 1 is needed')
         for name in ('voltage', 'position', 'reference', 'excitation', 'reaction'):
             values = getattr(self, name)
             if values is None:
@@ -49,37 +49,37 @@ class AxisData:
 
     @cached_property
     def net_voltage(self):
-        """What of the voltage is left to move the axis itself (N,) [V]."""
+        """The voltage (N,) that accelerates the axis itself: `voltage` less `reaction` [V]."""
         if self.reaction is None:
             return self.voltage
-        ahead = self.computation  # a voltage acts over the sample that begins so much later
+        ahead = self.computation  # a voltage acts over the sample that begins this much later
         acts = np.append(self.reaction[ahead:], np.repeat(self.reaction[-1], ahead + 1))
         return self.voltage - 0.5 * (acts[:-1] + acts[1:])
 
     def check_follows(self):
-        """Refuse a record in which the reference moved and the axis did not: `IdentificationError`."""
+        """Raise `IdentificationError` if the reference moved and the axis did not."""
         moved, wanted = np.ptp(self.position), 0.0 if self.reference is None else np.ptp(self.reference)
         if moved < _FOLLOWS * wanted:
             raise IdentificationError(
                 f'{self.name}: moved by {moved:.3g} m where its reference moved by {wanted:.3g} m; at least '
-                f'{_FOLLOWS:g} of that is expected: is the axis enabled?'
+                f'{_FOLLOWS:g} of that is needed; check that the axis is enabled'
             )
 
     def saturated(self, start, end):
-        """Return how many samples of the voltage from `start` to `end` are at the drive's limit."""
+        """Return the number of voltage samples from `start` to `end` at the limit of the drive."""
         return int(np.count_nonzero(np.abs(self.voltage[start:end]) >= self.limit * (1 - 1e-6)))
 
 
 @dataclass(frozen=True)
 class JointRecord:
-    """All joints of a machine over one cycle; arrays are (N, n): a row is a tick, a column a joint."""
+    """All joints of a machine over one cycle; arrays are (N, n): one row per tick, one column per joint."""
 
     name: str
     reference: np.ndarray  # [m]
     counts: np.ndarray  # int64
     voltage: np.ndarray  # [V] sent to the drives, excitation included
     excitation: np.ndarray | None = None  # [V]; None if there was none
-    moves: tuple[tuple[int, int], ...] = ()  # (start, end) samples of those L is fitted to
+    moves: tuple[tuple[int, int], ...] = ()  # (start, end) samples of the moves to which L is fitted
 
     def axis(self, machine, joint):
         """Return the `AxisData` of `joint`."""
@@ -101,23 +101,23 @@ class JointRecord:
         return self.excitation is not None and bool(self.excitation[:, joint_number(machine, joint)].any())
 
     def moves_plainly(self, machine, joint):
-        """Return whether `joint` takes part in the moves and nothing was excited."""
+        """Return whether `joint` takes part in the moves and no joint was excited."""
         path = self.reference[:, joint_number(machine, joint)]
         moved = any(np.ptp(path[start:end]) > 0 for start, end in self.moves)
         return moved and (self.excitation is None or not self.excitation.any())
 
     def excited_position(self):
-        """Return the mean joint positions (n,) [m] while anything was excited."""
+        """Return the mean joint positions (n,) [m] over the samples with an excitation."""
         return self.reference[np.any(self.excitation != 0, axis=1)].mean(axis=0)
 
 
 def joint_number(machine, joint):
-    """Return which of the joints of `machine` is called `joint`; `IdentificationError` if none is."""
+    """Return the index of `joint` in `machine.joints`; raise `IdentificationError` if it is unknown."""
     if joint not in machine.joints:
         raise IdentificationError(f'joint {joint!r} is unknown; {machine.name} has {list(machine.joints)}')
     return machine.joints.index(joint)
 
 
 def drive_limit(machine):
-    """Return the voltage [V] beyond which a drive of `machine` gives no more thrust."""
+    """Return the voltage [V] at which a drive of `machine` reaches its limit of voltage or thrust."""
     return min(machine.voltage_limit, machine.limits.thrust / machine.thrust_per_volt)

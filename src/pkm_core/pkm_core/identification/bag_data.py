@@ -1,4 +1,4 @@
-"""Records for identification out of bags: those of this cell, and somebody else's axis by topics, fields and units."""
+"""Read identification records from bags: bags of this cell, and any other axis by topics, fields and units."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,23 +12,22 @@ from pkm_core.identification import IdentificationError
 from pkm_core.identification.axis_data import AxisData, JointRecord
 from pkm_core.quantities import QuantityError, scale
 
-_SAME = 1e-3  # sample times: two stamps closer than that are one
-_LARGEST_GAP = 10  # median sample times; what is longer is a hole, not jitter
+_SAME = 1e-3  # [sample times] closer stamps count as equal
+_LARGEST_GAP = 10  # [median sample times] a longer gap is missing data, not jitter
 
 
 def read_cell_bag(machine, path, namespace='/pkm'):
     """
     Return (JointRecord, warnings) of a bag of this cell.
 
-    The excitation is what the topic ``excitation`` says, a message a joint that is excited: ``joint`` and ``voltage``,
-    one value a tick of the cycle.
+    The topic ``excitation`` holds one message per excited joint: ``joint`` and ``voltage``, one value per tick.
 
     Raises
     ------
     BagError
-        If `path` is no bag of this cell, or has a gap.
+        If `path` is not a bag of this cell, or has a gap.
     IdentificationError
-        If it is empty, of another machine or sample time, or the excitation does not fit the cycle.
+        If the bag is empty, the machine or sample time differs, or the excitation does not fit the cycle.
 
     """
     cycle = read_cycle(path, namespace)
@@ -40,7 +39,7 @@ def read_cell_bag(machine, path, namespace='/pkm'):
             f'{name}: sample time {1e3 * cycle.sample_time:g} ms; {machine.name} has {1e3 * machine.sample_time:g} ms'
         )
     if samples == 0:
-        raise IdentificationError(f'{name}: is empty: 0 of {cycle.samples} ticks')
+        raise IdentificationError(f'{name}: 0 of {cycle.samples} ticks; at least 1 is needed')
     warnings = [] if cycle.is_whole else [f'{name}: holds {samples} of {cycle.samples} ticks; the rest is missing']
     moves = zip(cycle.move_starts.tolist(), cycle.move_ends.tolist(), strict=True)
     record = JointRecord(
@@ -72,37 +71,37 @@ def _excitation(machine, path, namespace, name, whole, samples):
 
 @dataclass(frozen=True)
 class Signal:
-    """Where in a bag a signal is, and its unit."""
+    """Topic, field and unit of a signal in a bag."""
 
     topic: str
     field: str = 'data'  # e.g. 'effort[2]', 'pose.position.x', or 'position[elbow]' in a message with `name`
-    unit: str = '1'  # anything pint knows, also '0.2 um' for counts of that size
+    unit: str = '1'  # any unit of pint; '0.2 um' for counts of that size
 
 
 def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0, limit=np.inf):
     """
-    Return (AxisData, dead time beyond whole samples [s], warnings) of an axis in any bag.
+    Return (AxisData, dead time beyond whole samples [s], warnings) of an axis from any bag.
 
-    Signals are taken at their header stamps, or when they were received where they have none, and brought to the median
-    sample time of `sensor`: its values by straight lines, drive and excitation held until the next one.
+    The time of a sample is its header stamp; without a header it is the time of reception. All signals are resampled
+    at the median sample time of `sensor`. Positions are interpolated linearly; drive and excitation are held.
 
     Parameters
     ----------
     path : Path
         rosbag2 folder, MCAP file or ROS 1 bag.
     drive, sensor, reference, excitation : Signal
-        What drives the axis, where it is, and if recorded where it should be and what was added to the drive.
+        Drive and position of the axis; if recorded, its reference and the excitation added to the drive.
     delay : float
         From the stamp of the drive to its effect [s].
     limit : float
-        Of the drive, in its unit.
+        Limit of the drive, in the unit of `drive`.
 
     Raises
     ------
     BagError
         If `path` cannot be read, or lacks a topic or field.
     IdentificationError
-        If a signal is empty, has a gap, or a unit does not fit.
+        If a signal has fewer than two messages or a gap, or a unit does not fit.
 
     """
     given = {'drive': drive, 'sensor': sensor, 'reference': reference, 'excitation': excitation}
@@ -129,7 +128,7 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
     jitter = float(np.std(steps)) / sample_time
     if jitter > 0.1:
         warnings.append(
-            f'{path}: the samples of {sensor.topic} come every {1e3 * sample_time:.3f} ms +- {100 * jitter:.0f} %'
+            f'{path}: the sample time of {sensor.topic} is {1e3 * sample_time:.3f} ms +- {100 * jitter:.0f} %'
         )
     count = int((end - begin) / sample_time) + 1 if end > begin else 0
     grid = begin + sample_time * np.arange(count)
@@ -154,7 +153,7 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
 
 
 def _read_series(path, signals):
-    """Return {name: (times [s], values)} of `signals`."""
+    """Return {name: (times [s], values)} for `signals`."""
     from rosbags.highlevel import AnyReader
     from rosbags.highlevel.anyreader import AnyReaderError
     from rosbags.typesys import Stores, get_typestore
@@ -179,7 +178,7 @@ def _read_series(path, signals):
     for name, pairs in found.items():
         if len(pairs) < 2:
             raise IdentificationError(f'{path}: {signals[name].topic} has {len(pairs)} messages; at least 2 are needed')
-    origin = min(pairs[0][0] for pairs in found.values())  # seconds since 1970 leave a double a quarter microsecond
+    origin = min(pairs[0][0] for pairs in found.values())  # a double of seconds since 1970 resolves only 0.25 us
     series = {}
     for name, pairs in found.items():
         times, values = np.array([(1e-9 * (time - origin), value) for time, value in sorted(pairs)]).T

@@ -1,10 +1,10 @@
 """
-What an axis is driven with to be identified, thesis 7.3.2 and 8.3.2, checked before it runs.
+Identification experiments of one axis, thesis 7.3.2 and 8.3.2, checked before they run.
 
-Low frequency: rest-to-rest moves of one axis, there and back, spread over the travel, since thrust varies along the
-magnets. High frequency: a swept sine added to the controller's voltage while the axis jogs. The jog is faster than the
-sweep shakes, so the slider never stops and friction is a constant that no frequency sees; at standstill it falsifies
-the response by up to a factor of two. The sweep is periodic: whole periods leave no leakage.
+Low frequency: rest-to-rest moves there and back, spread over the travel because thrust varies along the magnets.
+High frequency: a swept sine added to the controller's voltage during a jog. The jog is faster than the vibration, so
+the slider never stops and friction is constant; at standstill friction changes the response by up to a factor of two.
+The sweep is periodic: whole periods leave no leakage.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _MOVES = {
     'four_dof': {'d1': (5e-3, 70e-3), 'd3': (5e-3, 70e-3), 'd5': (4e-3, 70e-3), 'd7': (4e-3, 70e-3)},
 }
 _OTHER_MOVES = (5e-3, 70e-3)
-_PAIRS = (('d1', 'd3'), ('d5', 'd7'))  # motors on one guide; shifted together, they leave the inertia nearly as it is
+_PAIRS = (('d1', 'd3'), ('d5', 'd7'))  # motors on one guide; a common shift leaves the inertia nearly unchanged
 _TRANSFER = 0.2  # s, to and from a station
 _SETTLED = 0.05  # s, after a transfer
 _REST = 0.03  # s, after a slow move
@@ -34,17 +34,17 @@ _CLEARANCE = 0.5e-3  # m, kept from the ends of the travel
 
 @dataclass(frozen=True)
 class Experiment:
-    """One cycle of excitation, from home to home, that may be run by the simulation or a node."""
+    """One cycle of excitation, from home to home; runs in the simulation or in the cell."""
 
     name: str
     joint: str
     trajectory: SampledTrajectory  # of all joints
     excitation: np.ndarray  # (N, n) [V], to be added to the controllers' voltages
-    bounds: Bounds  # what `joint` must keep while it runs
+    bounds: Bounds  # of `joint` during the cycle
 
 
 def experiments(machine, joint, models, control, sweep=None):
-    """Return every `Experiment` that identifies `joint`; `models` and `control` are those of all joints."""
+    """Return every `Experiment` for `joint`; `models` and `control` are those of all joints."""
     joint_number(machine, joint)
     return [
         slow_moves(machine, joint, models[joint]),
@@ -54,10 +54,10 @@ def experiments(machine, joint, models, control, sweep=None):
 
 def slow_moves(machine, joint, model, *, stroke=0.0, stations=5):
     """
-    Return the `Experiment` for L: the thesis's move there and back, twice, at each of `stations` places of the pair.
+    Return the `Experiment` for L: the thesis's move there and back, twice, at `stations` positions of the motor pair.
 
-    `model` is what is believed of the axis; only the forecast of the voltage needs it. A `stroke` [m] other than 0
-    replaces the length of the thesis's move, not its duration.
+    `model` is the present model of the axis; only the voltage forecast uses it. A `stroke` [m] other than 0 replaces
+    the length of the thesis's move, not its duration.
     """
     own, pair = _directions(machine, joint)
     usual, duration = _MOVES.get(machine.config.mechanism, {}).get(joint, _OTHER_MOVES)
@@ -79,27 +79,27 @@ def slow_moves(machine, joint, model, *, stroke=0.0, stations=5):
 
 def sweeps(machine, joint, model, gains, sweep=None, stations=3):
     """
-    Return an `Experiment` for H at each of `stations` places of the motor pair: a jog there and back under a sweep.
+    Return one `Experiment` for H per position of the motor pair: a jog there and back with a superimposed sweep.
 
     Parameters
     ----------
     machine : Machine
-        Whose joint is excited.
+        Machine of the joint.
     joint : str
-        Its name.
+        Joint to excite.
     model : AxisModel
-        What is believed of it; scales the amplitude, so that the vibration stays slower than the jog.
+        Present model of the joint; scales the amplitude so that the vibration stays slower than the jog.
     gains : RobustGains
-        The loop that runs meanwhile.
+        Gains of the joint during the sweep.
     sweep : Sweep, optional
-        How the sine is made.
+        Settings of the swept sine.
     stations : int
-        Places, spread over the travel.
+        Number of positions, spread over the travel.
 
     Raises
     ------
     IdentificationError
-        If the sweep is refused (`one_period`), or leaves travel, speed or voltage of the axis.
+        If `one_period` refuses the sweep, or the axis would exceed its travel, speed or voltage.
 
     """
     sweep = sweep or Sweep()
@@ -151,9 +151,9 @@ def _stations(machine, own, pair, half, count):
 
 
 def _checked(machine, name, joint, path, model, gains=None, volts=None):
-    """Return the `Experiment` of `path` and the excitation `volts` (N,) of `joint`, if the axis may do that."""
+    """Return the `Experiment` of `path` with the excitation `volts` (N,) of `joint`; refuse one beyond its limits."""
     trajectory = checked_joints(machine, path.trajectory())
-    machine.forward(trajectory.position)  # refuses what the links cannot reach
+    machine.forward(trajectory.position)  # refuses positions out of reach of the links
     axis = machine.joints.index(joint)
     velocity, excitation = trajectory.velocity[:, axis], np.zeros_like(trajectory.position)
     needed = np.abs(trajectory.acceleration[:, axis] + model.viscosity * velocity) / model.gain

@@ -1,4 +1,4 @@
-"""One axis in a cycle of identification: its excitation is checked before the cycle and watched during it."""
+"""One axis in an identification cycle: the excitation is checked before the cycle and monitored during it."""
 
 import numpy as np
 
@@ -10,35 +10,35 @@ from pkm_core.identification.sweep import forecast
 
 class ExcitedAxis:
     """
-    What a joint controller adds to its voltage, and when it must stop.
+    Excitation of one joint controller with the bounds at which the machine must stop.
 
     Parameters
     ----------
     machine : Machine
-        Whose axis it is.
+        Machine of the axis.
     joint : str
-        Its name.
+        Name of the joint.
     model : AxisModel
-        What is believed of it, for the forecast of voltage and speed.
+        Present model of the joint, for the forecast of voltage and speed.
     gains : RobustGains
-        The loop that runs meanwhile.
+        Gains of the joint during the cycle.
     position, velocity, acceleration : ndarray, shape (N,)
         Reference of the cycle [m, m/s, m/s^2].
     voltage : ndarray, shape (N,)
-        Excitation [V]; all zero for an axis that is only watched.
+        Excitation [V]; all zero for an axis that is only monitored.
 
     Raises
     ------
     IdentificationError
-        If the excitation has another length or a value that is not finite, or the axis would need more voltage or speed
-        than it has.
+        If the excitation has another length than the reference or a value that is not finite, or the axis would
+        exceed its limit of voltage or speed.
 
     """
 
     def __init__(self, machine, joint, model, gains, position, velocity, acceleration, voltage):
         if voltage.shape != position.shape:
             raise IdentificationError(
-                f'excitation of {joint}: {voltage.size} values; expected one a sample, {position.size}'
+                f'excitation of {joint}: {voltage.size} values; expected one per sample, {position.size}'
             )
         if not np.isfinite(voltage).all():
             index = int(np.argmin(np.isfinite(voltage)))
@@ -56,12 +56,12 @@ class ExcitedAxis:
 
     def drive(self, index, voltage, position):
         """
-        Return what goes to the drive [V] at sample `index`, where the controller wants `voltage` [V].
+        Return the drive voltage [V] at sample `index`: `voltage` [V] of the controller plus the excitation, limited.
 
         Raises
         ------
         IdentificationError
-            If the axis at `position` [m] has left its bounds and the machine must be stopped.
+            If the axis at `position` [m] is outside its bounds; the caller must stop the machine.
 
         """
         voltage = float(min(max(voltage + self._voltage[index], -self._limit), self._limit))

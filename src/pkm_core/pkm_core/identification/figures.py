@@ -1,4 +1,4 @@
-"""The thesis's pictures of an identification: moves against the model (Fig. 7.9, 8.4) and Bode (Fig. 7.11, 8.8)."""
+"""The figures of an identification: moves against the model (Fig. 7.9, 8.4) and Bode plot (Fig. 7.11, 8.8)."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ _RESPONSES = {'planar': ('7_11', '7_12'), 'four_dof': ('8_8', '8_9', '8_10', '8_
 
 
 def draw_identification(folder, machine, found):
-    """Write the pictures of {joint: AxisIdentification} into `folder`; `machine` is None for somebody else's axis."""
+    """Write the figures of {joint: AxisIdentification} into `folder`; `machine` is None for an axis of another cell."""
     for joint, axis in found.items():
         draw_moves(folder, _name(_MOVES, machine, joint, 'moves'), axis)
         if axis.high:
@@ -26,7 +26,7 @@ def _name(numbers, machine, joint, what):
 
 
 def draw_moves(folder, name, axis):
-    """Draw measured and predicted position over every stretch of motion, and their difference."""
+    """Draw measured and predicted position over every stretch of motion, and the difference."""
     low = axis.low
     figure = new_figure(9.0, 6.0)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
@@ -45,19 +45,19 @@ def draw_moves(folder, name, axis):
     gain_deviation, viscosity_deviation = low.deviations
     above.annotate(
         f'K = {low.gain:.4g} $\\pm$ {gain_deviation:.2g} m/s$^2$/V\n'
-        f'a = {low.viscosity:.2f} $\\pm$ {viscosity_deviation:.2f} 1/s\nfit on moves left out {low.fit_percent:.2f} %',
+        f'a = {low.viscosity:.2f} $\\pm$ {viscosity_deviation:.2f} 1/s\nfit of held-out moves {low.fit_percent:.2f} %',
         (0.01, 0.97),
         xycoords='axes fraction',
         va='top',
     )
-    below.set(ylabel='difference [um]', xlabel='time of motion [ms], rests left out')
+    below.set(ylabel='difference [um]', xlabel='time of motion, without rests [ms]')
     for axes in (above, below):
         axes.grid(alpha=0.3)
     return save(figure, folder, name)
 
 
 def draw_response(folder, name, axis):
-    """Draw acceleration over drive of every position, the one of lowest gain, the model, and the coherence."""
+    """Draw acceleration over drive at every position, the model at the lowest gain, and the coherence."""
     figure = new_figure(8.0, 8.0)
     magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 1])
     chosen = axis.responses[axis.lowest]

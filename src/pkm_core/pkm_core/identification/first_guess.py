@@ -1,17 +1,17 @@
-"""A first guess of the modes of H from a measured response alone: a rational function fitted linearly."""
+"""Initial modes of H from a measured response alone, by a linear fit of a rational function."""
 
 import numpy as np
 
 _ROUNDS = 20
-_LARGEST_DAMPING = 0.5  # of a guess; two real roots become a pair
+_LARGEST_DAMPING = 0.5  # of an initial mode
 
 
 def guess_modes(frequency, response, deviation, count):
     """
     Return (gain, modes (count, 4)) of gain * H(j 2 pi f) close to `response` (F,) at `frequency` (F,) [Hz].
 
-    Numerator and denominator of degree 2 `count` from a weighted linear fit, repeated with the last denominator in the
-    weight (Sanathanan and Koerner, 1963). Unstable poles are reflected.
+    Numerator and denominator, both of degree 2 `count`, come from a weighted linear fit. It is repeated with the last
+    denominator in the weight (Sanathanan and Koerner, 1963). Unstable poles are reflected.
     """
     centre = np.sqrt(frequency[0] * frequency[-1])
     powers = (1j * frequency / centre)[:, np.newaxis] ** np.arange(2 * count + 1)
@@ -34,7 +34,7 @@ def guess_modes(frequency, response, deviation, count):
 
 
 def _pairs(roots, count):
-    """Return (frequency, damping) of `count` factors of second degree with these roots, rising."""
+    """Return (frequency, damping) of `count` second-degree factors with these `roots`; two real roots form a pair."""
     complex_ones = roots[roots.imag > 1e-9 * np.abs(roots)]
     real_ones = np.sort(roots[np.abs(roots.imag) <= 1e-9 * np.abs(roots)].real)
     factors = [(abs(root), -root.real / abs(root)) for root in complex_ones]
@@ -42,7 +42,7 @@ def _pairs(roots, count):
         size = np.sqrt(abs(first * second))
         factors.append((size, -0.5 * (first + second) / size))
     rows = np.array(sorted(factors)[:count]).reshape(-1, 2)
-    missing = count - len(rows)  # degree lost to a leading coefficient of zero: a zero far above the band
+    missing = count - len(rows)  # a leading coefficient of zero lowers the degree: put the root far above the band
     rows = np.vstack([rows, np.tile([10.0, 0.1], (missing, 1))])
     rows[:, 1] = np.clip(rows[:, 1], -_LARGEST_DAMPING, _LARGEST_DAMPING)
     rows[:, 1] = np.where(np.abs(rows[:, 1]) < 1e-3, 1e-3, rows[:, 1])

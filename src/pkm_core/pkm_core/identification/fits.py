@@ -1,7 +1,7 @@
 """
-Models of axes out of the bags of their experiments: functions a process of its own can run.
+Fits of axis models from records or bags, for use in a worker process.
 
-That process imports what they need; who only submits them, as a node does, starts without scipy.
+The imports are inside the functions: a node that only submits a fit starts without scipy.
 """
 
 import numpy as np
@@ -10,36 +10,36 @@ from pkm_core.files import writable_folder, write_json
 from pkm_core.machines import load_machine
 
 
-def fit_records(system, joint, records, models, control, band, folder):
-    """Return the `AxisIdentification` of a joint from `JointRecord` objects, its pictures drawn into `folder`."""
+def fit_records(machine, joint, records, models, control, band, folder):
+    """Return the `AxisIdentification` of a joint from `JointRecord` objects; write its figures into `folder`."""
     from pkm_core.identification.figures import draw_identification
     from pkm_core.identification.identify import identify_joint
 
-    found = identify_joint(system, joint, records, models, control, band=band)
-    draw_identification(writable_folder(folder), system, {joint: found})
+    found = identify_joint(machine, joint, records, models, control, band=band)
+    draw_identification(writable_folder(folder), machine, {joint: found})
     return found
 
 
 def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
     """
-    Return (AxisIdentification, warnings) of a joint from bags of its experiments.
+    Return (AxisIdentification, warnings) of a joint from the bags of its experiments.
 
     Parameters
     ----------
     machine : str
         Name or file of the machine.
     joint : str
-        Which of its joints.
+        Name of the joint.
     bags : list of Path
         Slow moves and sweeps of that joint.
     namespace : str
-        Of the cell that was recorded.
+        Namespace of the recorded cell.
     models, control : dict of str to AxisModel, dict of str to RobustGains
-        What was believed of the axes and what ran meanwhile.
+        Models and gains of all joints during the experiments.
     band : (float, float)
-        [Hz] of the sweep.
+        Band of the sweep [Hz].
     folder : Path
-        For its pictures.
+        Folder of the figures.
 
     Raises
     ------
@@ -49,35 +49,35 @@ def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
     """
     from pkm_core.identification.bag_data import read_cell_bag
 
-    system = load_machine(machine)
+    loaded = load_machine(machine)
     records, warnings = [], []
     for bag in bags:
-        record, notes = read_cell_bag(system, bag, namespace)
+        record, notes = read_cell_bag(loaded, bag, namespace)
         records.append(record)
         warnings += notes
-    found = fit_records(system, joint, records, models, control, band, folder)
+    found = fit_records(loaded, joint, records, models, control, band, folder)
     return found, [*warnings, *found.warnings]
 
 
 def write_results(folder, machine, found, models, origin):
     """
-    Write {joint: AxisIdentification} into `folder`, which exists: identification.json and the model file.
+    Write identification.json and the model file of {joint: AxisIdentification} into the existing `folder`.
 
-    Returns the path of the model file, or None if a joint was not swept: a file without its resonances would make
-    controllers believe it has none. Arguments are those of `write_model`, but for the name of the machine.
+    Returns the path of the model file, or None without a sweep of every joint: controllers would read a file without
+    resonances as a rigid axis. `machine` is a name or file; the other arguments are those of `write_model`.
     """
     from pkm_core.identification.model_file import write_model
     from pkm_core.identification.summary import as_figures
 
-    system = load_machine(machine)
-    write_json(folder / 'identification.json', {'machine': system.name, 'axes': as_figures(found)})
+    loaded = load_machine(machine)
+    write_json(folder / 'identification.json', {'machine': loaded.name, 'axes': as_figures(found)})
     if any(axis.high is None for axis in found.values()):
         return None
     path = folder / 'model.yaml'
-    write_model(path, system, found, models, origin)
+    write_model(path, loaded, found, models, origin)
     return path
 
 
 def typical_coherence(found):
-    """Return the median coherence over the lines of the worst response of an `AxisIdentification`, nan without one."""
+    """Return the lowest median coherence of the responses of an `AxisIdentification`; nan without a response."""
     return float(min((np.median(response.coherence) for response in found.responses), default=np.nan))

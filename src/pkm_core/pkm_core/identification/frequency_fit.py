@@ -1,16 +1,16 @@
 """
-Least-squares fit of the high-frequency model H of (7.20) to a measured response, stable and in complex pairs.
+Least-squares fit of the high-frequency model H of (7.20) to a measured response; stable, in complex pairs.
 
-The model is fitted as the controller meets it: K H wc/((s + wc) s (s + a)) behind hold and computation, sampled
-exactly, with every line weighted by its own uncertainty. The first guess comes from the response itself, so nothing
-need be known of the modes. Dampings of the resonances are fitted as logarithms, which keeps them stable; those of the
-anti-resonances are free, for zeros may lie in the right half plane.
+The fitted response is that of the plant of the controller: K H wc/((s + wc) s (s + a)) with hold and computation,
+sampled exactly. Every line is weighted by its own uncertainty. The initial modes come from the response itself.
+Dampings of resonances are fitted as logarithms, which keeps them stable. Dampings of anti-resonances have either sign:
+zeros may lie in the right half plane.
 
-Responses at several positions are fitted together, with modes in common and a gain each: thrust varies along the
-magnets by more than the lines scatter. Where modes move with position the misfit tells.
+Responses at several positions are fitted together with common modes and one gain each, because the variation of
+thrust along the magnets exceeds the scatter of the lines. The misfit shows whether the modes move with position.
 
-A zero far above the band and a dead time turn the phase alike. The dead time is therefore fitted around what is known
-of it, as one more measurement with its own uncertainty, which also widens the covariance of such zeros as it should.
+A zero far above the band and a dead time turn the phase alike. The dead time is therefore a parameter with a prior:
+its known value is one more measurement with its own uncertainty. This widens the covariance of such zeros correctly.
 """
 
 from dataclasses import dataclass
@@ -22,18 +22,18 @@ from pkm_core.identification import IdentificationError
 from pkm_core.identification.first_guess import guess_modes
 from pkm_core.identification.partial_fractions import PartialFractions
 
-_ZERO_SCALE = 10.0  # signed dampings, of hundredths, stand beside logarithms
-# what is worth a warning
+_ZERO_SCALE = 10.0  # brings signed dampings (hundredths) to the size of the logarithms
+# thresholds of warnings
 COHERENT = 0.8
-_CLEAN = 0.98  # coherence from which on noise is less than a seventh of the response
+_CLEAN = 0.98  # coherence at which noise is a seventh of the response
 MISFIT = 2.0
 _POOR_FREQUENCY, _POOR_DAMPING = 0.01, 0.2  # relative standard deviations
-_LINES, _WINDOWED_LINES = 3.0, 8.0  # a resonance narrower than that many lines is not resolved
+_LINES, _WINDOWED_LINES = 3.0, 8.0  # least width of a resolved resonance [lines]
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the fit takes as known beside H."""
+    """The known dynamics around H."""
 
     viscosity: float  # a [1/s]
     sample_time: float  # [s]
@@ -51,13 +51,13 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class HighFrequencyFit:
-    """H as fitted; rows of `modes` are (resonance [Hz], damping, anti-resonance [Hz], damping), both rising."""
+    """Fitted H; rows of `modes` are (resonance [Hz], damping, anti-resonance [Hz], damping), both ascending."""
 
     modes: np.ndarray  # (m, 4)
     covariance: np.ndarray  # (4 m, 4 m) of modes.ravel()
-    gains: np.ndarray  # (responses,) K as each sweep sees it [m/s^2/V]
+    gains: np.ndarray  # (responses,) K of each sweep [m/s^2/V]
     delay: float  # [s] dead time beyond the computation
-    misfit: float  # mean squared error over what the scatter of the measurement explains
+    misfit: float  # mean squared error over that expected from the scatter of the measurement
     warnings: tuple[str, ...]
 
     @property
@@ -68,13 +68,13 @@ class HighFrequencyFit:
 
 def fit_high_frequency(responses, known, count=2):
     """
-    Return the `HighFrequencyFit` of `count` modes to `FrequencyResponse` objects; `known` are their `Surroundings`.
+    Return the `HighFrequencyFit` of `count` modes to `FrequencyResponse` objects with the `Surroundings` `known`.
 
     Raises
     ------
     IdentificationError
-        If there are too few lines for the parameters, half of them lack coherence, or `count` resonances do not explain
-        the responses.
+        If there are too few lines for the parameters, the coherence is low at half of them, or `count` resonances do
+        not fit the responses.
 
     """
     from scipy.optimize import least_squares
@@ -87,7 +87,8 @@ def fit_high_frequency(responses, known, count=2):
         if np.median(response.coherence) < COHERENT:
             raise IdentificationError(
                 f'{response.name}: coherence is below {COHERENT:g} at half of the lines, lowest '
-                f'{response.coherence.min():.2f}: the axis hardly answers the excitation; excite more or average longer'
+                f'{response.coherence.min():.2f}; the response to the excitation is too weak: raise the amplitude or '
+                f'the number of periods'
             )
     guesses = [_guess(response, known, count) for response in responses]
     which = np.repeat(np.arange(len(responses)), [response.frequency.size for response in responses])
@@ -98,7 +99,7 @@ def fit_high_frequency(responses, known, count=2):
         gains, delay, modes = _unpack(x, known, len(responses))
         off = plant - gains[which] * known.response(grid, 1.0, delay, modes)[line]
         off *= np.sqrt(2) / deviation  # real and imaginary part have half the variance each
-        return np.concatenate([off.real, off.imag, x[len(gains) : len(gains) + 1]])  # the last: the known dead time
+        return np.concatenate([off.real, off.imag, x[len(gains) : len(gains) + 1]])  # last: the prior of the dead time
 
     found: Any = None  # there is at least one start
     starts = [_pack([gain for gain, _ in guesses], modes) for _, modes in guesses]
@@ -112,12 +113,12 @@ def fit_high_frequency(responses, known, count=2):
     if not found.success or (modes[:, 1] >= 1).any():
         best = ', '.join(f'{f:.0f} Hz (damping {z:.2g})' for f, z in modes[:, :2])
         raise IdentificationError(
-            f'{name}: {count} resonances do not explain the response; best are {best}, {misfit:.1f} times off what the '
-            f'scatter of the measurement explains'
+            f'{name}: {count} resonances do not fit the response; best fit: {best}, misfit {misfit:.1f} times the '
+            f'scatter of the measurement'
         )
     scale = modes.copy()  # of logarithms
     scale[:, 3] = 1 / _ZERO_SCALE
-    first = len(gains) + 1  # of the modes in the vector that is fitted
+    first = len(gains) + 1  # index of the modes in the vector of parameters
     covariance = np.linalg.pinv(found.jac.T @ found.jac)[first:, first:] * max(1.0, misfit)
     modes, covariance = _rising(modes, covariance * np.outer(scale, scale))
     deviations = np.sqrt(np.diag(covariance)).reshape(-1, 4)
@@ -127,7 +128,7 @@ def fit_high_frequency(responses, known, count=2):
 
 
 def response_fit_percent(response, known, fit, gain):
-    """Return 100 (1 - rms of P_measured/P_model - 1) over the lines that noise leaves alone; nan if there are none."""
+    """Return 100 (1 - rms of (P_measured/P_model - 1)) over lines of coherence of at least _CLEAN; nan without any."""
     lines = response.coherence >= _CLEAN
     if not lines.any():
         return float('nan')
@@ -141,20 +142,20 @@ def _guess(response, known, count):
 
 
 def _pack(gains, modes):
-    """Return the vector that is fitted: log gains, dead time off the known one over its deviation, the modes."""
+    """Return the vector of parameters: log gains, error of the known dead time over its deviation, modes."""
     rows = np.column_stack([np.log(modes[:, :3]), _ZERO_SCALE * modes[:, 3]])
     return np.concatenate([np.log(gains), [0.0], rows.ravel()])
 
 
 def _unpack(x, known, count):
-    """Return gains (count,), dead time and modes of the vector that is fitted."""
+    """Return gains (count,), dead time and modes of the vector of parameters."""
     rows = x[count + 1 :].reshape(-1, 4)
     modes = np.column_stack([np.exp(np.clip(rows[:, :3], -20, 20)), rows[:, 3] / _ZERO_SCALE])
     return np.exp(x[:count]), float(known.delay + known.delay_deviation * x[count]), modes
 
 
 def _rising(modes, covariance):
-    """Return both with resonances, and anti-resonances apart from them, in rising order."""
+    """Return both with resonances ascending and, independently, anti-resonances ascending."""
     places = np.arange(modes.size).reshape(modes.shape)
     order = np.hstack([places[np.argsort(modes[:, 0]), :2], places[np.argsort(modes[:, 2]), 2:]])
     return modes.ravel()[order], covariance[np.ix_(order.ravel(), order.ravel())]
@@ -171,7 +172,7 @@ def _warnings(responses, modes, deviations, misfit):
             )
     name, frequency = responses[0].name, responses[0].frequency
     if misfit > MISFIT:
-        yield f'{name}: the fit is {misfit:.1f} times off what the scatter explains; more modes may be needed'
+        yield f'{name}: the misfit is {misfit:.1f} times the scatter; more modes may be needed'
     spacing = frequency[1] - frequency[0]
     needed = _LINES if responses[0].periodic else _WINDOWED_LINES
     for row, deviation in zip(modes, deviations, strict=True):
@@ -186,6 +187,6 @@ def _warnings(responses, modes, deviations, misfit):
                 yield f'{name}: {value} is uncertain'
         if 2 * row[1] * row[0] < needed * spacing:
             yield (
-                f'{name}: resonance at {row[0]:.0f} Hz is {2 * row[1] * row[0]:.1f} Hz wide; lines every '
-                f'{spacing:.1f} Hz do not resolve it'
+                f'{name}: resonance at {row[0]:.0f} Hz is {2 * row[1] * row[0]:.1f} Hz wide; a line spacing of '
+                f'{spacing:.1f} Hz does not resolve it'
             )

@@ -1,11 +1,10 @@
 """
-The response P(jw) of an axis from records in closed loop, with its uncertainty at every frequency.
+Frequency response P(jw) of an axis from closed-loop records, with its uncertainty at every frequency.
 
-u and y both contain noise that the loop has fed back, so S_yu/S_uu is biased towards -1/C. The excitation r is not
-touched by noise; it is the instrument of P = S_yr/S_ur (joint input-output method), which is consistent whatever the
-loop does. Spectra are means over segments. A periodic excitation is cut into whole periods, which leaves no leakage;
-any other into eighths of a pass under a Hann window, half overlapping. Without a recorded excitation S_yu/S_uu is all
-there is, and the result says so.
+u and y both contain noise fed back by the loop, so S_yu/S_uu is biased towards -1/C. The excitation r is free of noise.
+It is the instrument of P = S_yr/S_ur (joint input-output method), which is consistent for any loop. Spectra are means
+over segments. A periodic excitation is cut into whole periods, which leaves no leakage. Any other is cut into eighths
+of a pass with a Hann window, half overlapping. Without a recorded excitation the estimate is S_yu/S_uu, with a warning.
 """
 
 from dataclasses import dataclass
@@ -15,34 +14,34 @@ from scipy.ndimage import uniform_filter1d
 
 from pkm_core.identification import IdentificationError
 
-_SPREAD = 9  # lines over which a variance is averaged; a few segments alone tell it badly
+_SPREAD = 9  # [lines] the variance is averaged over these; that of a few segments alone is inaccurate
 _EXACT = 1e-12  # least relative variance: a filter of running sums may return zero or less
-_ALIKE = 0.5  # of the power: correlation from which on a lag is looked at as a period
-_WEAK = 1e-4  # of the strongest line: power from which on a line counts as excited
-_GAP = 20  # samples of zero excitation that end a pass; a sine crosses zero in one
+_ALIKE = 0.5  # [of the power] least correlation of a lag that may be a period
+_WEAK = 1e-4  # [of the strongest line] least power of an excited line
+_GAP = 20  # [samples] zero excitation that ends a pass; a sine crosses zero in one sample
 _OVERLAP = 1.06  # variance of half overlapping Hann segments: neighbours share (1/6)^2 of their power
-_PARTS = 8  # into which a pass is cut whose excitation does not repeat
-_SHORTEST = 256  # samples of such a part
-_SATURATED = 0.01  # share of samples at the drive's limit from which on a record is refused
+_PARTS = 8  # segments of a pass without a period
+_SHORTEST = 256  # [samples] least length of such a segment
+_SATURATED = 0.01  # largest share of samples at the drive's limit
 
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """P over a band, computation and hold included."""
+    """Response P over a band, with computation and hold."""
 
     name: str
-    frequency: np.ndarray  # (F,) rising [Hz]
+    frequency: np.ndarray  # (F,) ascending [Hz]
     plant: np.ndarray  # (F,) complex [m/V]
     deviation: np.ndarray  # (F,) standard deviation of `plant` [m/V]
     coherence: np.ndarray  # (F,) between excitation and position, 0 to 1
     segments: int
-    position: float  # [m] mean place of the axis
+    position: float  # [m] mean position of the axis
     periodic: bool
-    instrument: bool  # whether an excitation served as one
+    instrument: bool  # whether the excitation is the instrument
     warnings: tuple[str, ...]
 
     def initial_gain(self, share=0.15):
-        """Return the mean |w^2 P| [m/s^2/V] over the first `share` of the lines: how strongly the axis answers."""
+        """Return the mean |w^2 P| [m/s^2/V] over the first `share` of the lines."""
         first = slice(0, max(1, round(share * self.frequency.size)))
         return float(np.mean((2 * np.pi * self.frequency[first]) ** 2 * np.abs(self.plant[first])))
 
@@ -51,13 +50,13 @@ def estimate_response(data, band=None):
     """
     Return the `FrequencyResponse` of an `AxisData`.
 
-    `band` [Hz] is by default where the excitation, or else the voltage, has 99 % of its power.
+    The default of `band` [Hz] holds 99 % of the power of the excitation or, without one, of the voltage.
 
     Raises
     ------
     IdentificationError
-        If the band does not lie below half the sampling rate or has no line, nothing was excited or the axis does not
-        answer, the record is shorter than two segments, or more than _SATURATED of it is at the drive's limit.
+        If the band exceeds half the sampling rate or has no line, the excitation is zero, the axis does not move, the
+        record is shorter than two segments, or more than _SATURATED of it is at the drive's limit.
 
     """
     data.check_follows()
@@ -75,7 +74,7 @@ def estimate_response(data, band=None):
     R, U, Y = (spectra[:, lines] for spectra in (R, U, Y))
     if not Y.any():
         raise IdentificationError(
-            f'{data.name}: the position does not answer the excitation at all; is the axis enabled?'
+            f'{data.name}: the position does not respond to the excitation; check that the axis is enabled'
         )
     driven, moved = (np.sum(spectra * R.conj(), axis=0) for spectra in (U, Y))
     plant = moved / driven
@@ -86,7 +85,7 @@ def estimate_response(data, band=None):
     if saturated:
         warnings.append(f'{data.name}: {100 * saturated:.2f} % of the samples are at the limit of {data.limit:g} V')
     if data.excitation is None:
-        warnings.append(f'{data.name}: no excitation was recorded: S_yu/S_uu, biased where the loop feeds noise back')
+        warnings.append(f'{data.name}: no excitation recorded; the estimate S_yu/S_uu is biased by feedback of noise')
     return FrequencyResponse(
         name=data.name,
         frequency=frequency[lines],
@@ -102,7 +101,7 @@ def estimate_response(data, band=None):
 
 
 def _lines(data, frequency, power, band):
-    """Return which lines (F,) lie in the band and carry power."""
+    """Return a mask (F,) of the lines in the band that carry power."""
     if band is None:
         share = np.cumsum(power) / np.sum(power)
         low, high = np.searchsorted(share, (0.005, 0.995))
@@ -123,7 +122,7 @@ def _lines(data, frequency, power, band):
 
 
 def _segments(data, source):
-    """Return the first samples of the segments, their length and whether they are whole periods."""
+    """Return the first samples of the segments, the length of a segment and whether it is a whole period."""
     passes = _passes(source)
     if not passes:
         raise IdentificationError(f'{data.name}: no excitation: it is zero at all {len(source)} samples')
@@ -134,7 +133,7 @@ def _segments(data, source):
         length = max((longest[1] - longest[0]) // _PARTS, _SHORTEST)
         step = length // 2
     starts = []
-    for begin, end in passes:  # counted from the end: what is left over lies at the beginning, where the axis settles
+    for begin, end in passes:  # counted from the end: the remainder lies at the beginning, where the axis settles
         found = list(range(end - length, begin - 1, -step))
         starts += found if len(found) > 1 or not periodic else []
     if len(starts) < 2:
@@ -146,7 +145,7 @@ def _segments(data, source):
 
 
 def _passes(source):
-    """Return (start, end) of the parts in which `source` is not zero for longer than _GAP."""
+    """Return (start, end) of the parts of `source` between zeros longer than _GAP."""
     active = np.flatnonzero(source)
     if active.size == 0:
         return []
@@ -155,7 +154,7 @@ def _passes(source):
 
 
 def _period(values):
-    """Return the period [samples] of `values`, or None if they do not repeat to the last bit."""
+    """Return the period [samples] of `values`, or None if they do not repeat exactly."""
     lags = np.arange(values.size // 2 + 1)
     spectrum = np.abs(np.fft.rfft(values, 2 * values.size)) ** 2
     likeness = np.fft.irfft(spectrum)[: lags.size] / (values.size - lags)
@@ -167,10 +166,10 @@ def _period(values):
 
 def _spectra(values, starts, length, periodic):
     """
-    Return the spectra (segments, F) of the segments without the drift of a jog.
+    Return the spectra (segments, F) of the segments without the drift of the jog.
 
-    The drift of a period is what it differs by from its neighbour; a straight line fitted to one period would take a
-    part of the sweep away, and of u another than of y.
+    The drift of a period is its difference from the neighbouring period. A straight line fitted to one period would
+    remove a part of the sweep, and a different part from u than from y.
     """
     rows = np.stack([values[start : start + length] for start in starts])
     rows = rows - rows.mean(axis=1, keepdims=True)

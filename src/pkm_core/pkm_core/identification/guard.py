@@ -1,19 +1,19 @@
-"""The watch over an axis while it is excited: one check a tick, a text when it must be stopped."""
+"""Bounds of an excited axis, checked at every tick."""
 
 from collections import deque
 from dataclasses import dataclass
 
 from pkm_core.identification.axis_data import drive_limit
 
-_MEMORY = 8  # samples over which speed is measured; a count then is 0.05 mm/s
-_FORECAST = 1.5  # an unknown machine may do that much more than its model says
-_SPARE_VOLTAGE = 1.0  # V, for friction, coupling and noise
-_SPARE_SPEED = 0.05  # m/s
+_MEMORY = 8  # [samples] span of the speed measurement; one count is then 0.05 mm/s
+_FORECAST = 1.5  # allowed over forecast: margin for the error of the model
+_SPARE_VOLTAGE = 1.0  # [V] for friction, coupling and noise
+_SPARE_SPEED = 0.05  # [m/s]
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What an axis must keep while it is excited."""
+    """Bounds of an axis during its excitation."""
 
     lower: float  # [m]
     upper: float  # [m]
@@ -23,7 +23,7 @@ class Bounds:
 
     @classmethod
     def around(cls, machine, joint, voltage, speed):
-        """Return the bounds for an axis of which `voltage` [V] and `speed` [m/s] are forecast at most."""
+        """Return the bounds of an axis for the largest forecast `voltage` [V] and `speed` [m/s]."""
         axis = machine.joints.index(joint)
         return cls(
             lower=float(machine.limits.lower[axis]),
@@ -34,7 +34,7 @@ class Bounds:
 
 
 class Guard:
-    """Checks one axis tick by tick against its `Bounds`."""
+    """Check of one axis against its `Bounds` at every tick."""
 
     def __init__(self, joint, bounds, sample_time):
         self._joint, self._bounds = joint, bounds
@@ -43,22 +43,22 @@ class Guard:
 
     def check(self, index, voltage, position, reference):
         """
-        Return '' or, as text, why the axis must be stopped at sample `index`.
+        Return the reason to stop the axis at sample `index`, '' without one.
 
-        `voltage` [V] is what goes to the drive, excitation included; `position` and `reference` are in m.
+        `voltage` [V] is that of the drive, with the excitation; `position` and `reference` are in m.
         """
         bounds, past = self._bounds, self._past
         past.append(position)
         speed = (position - past[0]) / self._span if len(past) > _MEMORY else 0.0
         if not bounds.lower <= position <= bounds.upper:
-            what = f'stands at {1e3 * position:.3f} mm; travel is {1e3 * bounds.lower:g} to {1e3 * bounds.upper:g} mm'
+            what = f'is at {1e3 * position:.3f} mm; allowed {1e3 * bounds.lower:g} to {1e3 * bounds.upper:g} mm'
         elif not abs(position - reference) <= bounds.deviation:
             off = 1e3 * (position - reference)
             what = f'is {off:.3f} mm off its reference; allowed {1e3 * bounds.deviation:g} mm'
         elif not abs(speed) <= bounds.speed:
             what = f'moves at {speed:.3f} m/s; allowed {bounds.speed:.3f} m/s'
         elif not abs(voltage) <= bounds.voltage:
-            what = f'is sent {voltage:.2f} V; allowed {bounds.voltage:.2f} V'
+            what = f'gets {voltage:.2f} V; allowed {bounds.voltage:.2f} V'
         else:
             return ''
         return f'sample {index}: {self._joint} {what}'

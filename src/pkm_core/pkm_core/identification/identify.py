@@ -1,4 +1,4 @@
-"""One axis from its records to its model: L, then H around it, then L again with what H turned out to be."""
+"""Identification of one axis from its records: L, then H given L, then L again given H."""
 
 from dataclasses import dataclass, replace
 
@@ -20,11 +20,11 @@ from pkm_core.identification.frequency_response import FrequencyResponse, estima
 from pkm_core.identification.prediction import KnownDynamics
 from pkm_core.identification.prediction_error import LowFrequencyFit, fit_low_frequency
 
-# s; the current loop's: -8.72 deg at 1 kHz were measured (Fig. 6.10), its lag at 7.42 kHz makes -7.68 of them
+# [s] of the current loop: measured -8.72 deg at 1 kHz (Fig. 6.10), of which its lag at 7.42 kHz is -7.68 deg
 LOOP_DELAY = 2.9e-6
 _MODES = 2  # (7.20) of the thesis's machines: 4th order
-_ROUNDS = 2  # L and H need each other's result; the second round changes K by 1e-4
-# what is worth a warning
+_ROUNDS = 2  # L and H depend on each other; the second round changes K by 1e-4
+# thresholds of warnings
 _POOR_FIT = 90.0  # per cent
 _GAINS_DIFFER = 0.05
 _TIMES_DIFFER = 0.01
@@ -32,27 +32,27 @@ _TIMES_DIFFER = 0.01
 
 @dataclass(frozen=True)
 class AxisIdentification:
-    """What was found of one axis."""
+    """Result of the identification of one axis."""
 
     joint: str
-    moves: tuple[AxisData, ...]  # records L was fitted to
+    moves: tuple[AxisData, ...]  # records of the fit of L
     low: LowFrequencyFit
     low_known: KnownDynamics
-    responses: tuple[FrequencyResponse, ...]  # of all positions; () without a sweep
+    responses: tuple[FrequencyResponse, ...]  # one per position; () without a sweep
     high: HighFrequencyFit | None
     high_known: Surroundings | None
-    high_percent: float  # lowest fit of a response that was left out of the fit; nan if there was only one
-    lowest: int | None  # number of the response with the lowest initial gain, which the thesis designs for (7.3.2)
+    high_percent: float  # lowest fit of a held-out response [%]; nan with a single response
+    lowest: int | None  # index of the response with the lowest initial gain, the design case of the thesis (7.3.2)
     warnings: tuple[str, ...]
 
     def model(self, current_loop):
         """
-        Return the `AxisModel`; `current_loop` [Hz] is the corner it was identified with.
+        Return the `AxisModel`; `current_loop` [Hz] is the corner of the current loop used in the fit.
 
         Raises
         ------
         IdentificationError
-            If what was fitted is no model a controller may hold.
+            If a fitted value is outside the range that `AxisModel` allows.
 
         """
         rows = [] if self.high is None else self.high.modes.tolist()
@@ -71,24 +71,24 @@ def identify_joint(machine, joint, records, models, control, *, band=None, modes
     """
     Return the `AxisIdentification` of a joint of `machine` from `JointRecord` objects.
 
-    Records in which the joint was excited give H, those in which it moved without any excitation L.
+    H is fitted to records with an excitation of the joint, L to records in which it moves without any excitation.
 
     Parameters
     ----------
     machine : Machine
-        Whose joint it is.
+        Machine of the joint.
     joint : str
-        Its name.
+        Name of the joint.
     records : sequence of JointRecord
-        Of any joints' experiments, or of ordinary cycles.
+        Experiments of any joints, or ordinary cycles.
     models : dict of str to AxisModel
-        What is believed so far: of this joint its current loop and number of modes, of the others their coupling.
+        Present models: the current loop and number of modes of this joint, the coupling of the others.
     control : dict of str to RobustGains
-        The loops that ran meanwhile; they answer the coupling.
+        Gains during the experiments; they enter the coupling.
     band : (float, float), optional
-        [Hz] of the sweep.
+        Band of the sweep [Hz].
     modes : int, optional
-        Number of resonances; by default as many as the joint's model has, or two if it has none.
+        Number of resonances; by default that of the joint's model, or two if the model has none.
 
     Raises
     ------
@@ -106,9 +106,9 @@ def identify_joint(machine, joint, records, models, control, *, band=None, modes
 
 def joint_response(machine, joint, record, models, control, *, band=None):
     """
-    Return the `FrequencyResponse` of a joint with the others held at home, from a `JointRecord` that excites it.
+    Return the `FrequencyResponse` of a joint, corrected to the other joints held at home, from a `JointRecord`.
 
-    Arguments as for `identify_joint`. What the loop really sees, with the others under their own control, is
+    Arguments as for `identify_joint`. The uncorrected response, with the others under their own control, is
     ``estimate_response(record.axis(machine, joint), band)``.
     """
     response = estimate_response(record.axis(machine, joint), band)
@@ -124,13 +124,13 @@ def identify_axis(joint, moves, responses, *, corner=np.inf, delay=0.0, delay_de
     Parameters
     ----------
     joint : str
-        What to call it.
+        Name of the axis in the result.
     moves : sequence of AxisData
-        For L.
+        Records for L.
     responses : sequence of FrequencyResponse
-        For H; may be empty.
+        Responses for H; may be empty.
     corner : float
-        Of the current loop [Hz].
+        Corner of the current loop [Hz].
     delay, delay_deviation : float
         Dead time beyond the computation and its standard deviation [s].
     modes : int
@@ -138,7 +138,7 @@ def identify_axis(joint, moves, responses, *, corner=np.inf, delay=0.0, delay_de
 
     """
     if not moves:
-        raise IdentificationError(f'{joint}: no record in which it moves without excitation; K and a need plain moves')
+        raise IdentificationError(f'{joint}: no record with moves without excitation; K and a are fitted to such moves')
     sample_time, computation = moves[0].sample_time, moves[0].computation
     for data in moves:
         if abs(data.sample_time / sample_time - 1) > _TIMES_DIFFER:
@@ -179,15 +179,15 @@ def _disagreements(joint, low, high, percent):
     differ = sweep / low.gain - 1
     if abs(differ) > _GAINS_DIFFER:
         yield (
-            f'{joint}: the sweep sees a gain of {sweep:.3f}, the moves one of {low.gain:.3f} m/s^2/V: '
-            f'{100 * differ:+.1f} %, allowed {100 * _GAINS_DIFFER:g} %'
+            f'{joint}: the gain of the sweep is {sweep:.3f}, that of the moves {low.gain:.3f} m/s^2/V: difference '
+            f'{100 * differ:+.1f} %; allowed {100 * _GAINS_DIFFER:g} %'
         )
     if percent < _POOR_FIT:
-        yield f'{joint}: H explains {percent:.1f} % of a response it was not fitted to; {_POOR_FIT:g} % is expected'
+        yield f'{joint}: H fits a held-out response to {percent:.1f} %; expected {_POOR_FIT:g} %'
 
 
 def _fit_stations(responses, lowest, known, modes):
-    """Return the fit to all responses, or to that of the lowest gain alone where modes move with position; notes."""
+    """Return (fit, warnings): the fit to all responses or, if modes move with position, to that of lowest gain."""
     together = fit_high_frequency(responses, known, modes)
     if len(responses) == 1 or together.misfit <= MISFIT:
         return together, []
@@ -195,14 +195,14 @@ def _fit_stations(responses, lowest, known, modes):
     resonances = np.array([fit.modes[:, 0] for fit in alone])
     spread = np.ptp(resonances, axis=0) / resonances.mean(axis=0)
     note = (
-        f'{responses[lowest].name}: no single H explains all positions (misfit {together.misfit:.1f}): resonances '
-        f'move by {", ".join(f"{100 * each:.1f} %" for each in spread)}; taken is the position of lowest gain'
+        f'{responses[lowest].name}: no single H fits all positions (misfit {together.misfit:.1f}): resonances '
+        f'move by {", ".join(f"{100 * each:.1f} %" for each in spread)}; H is that of the position of lowest gain'
     )
     return alone[lowest], [note]
 
 
 def _left_out_percent(responses, known, modes):
-    """Return the lowest fit of a response to a model made of the others."""
+    """Return the lowest fit [%] of one response to the model of the others."""
     percent = []
     for index, response in enumerate(responses):
         others = [each for number, each in enumerate(responses) if number != index]

@@ -1,4 +1,4 @@
-"""What was identified as a file of config/model: loadable by controllers, with the uncertainty of every value."""
+"""Write identified models as a file of config/model, with the uncertainty of every value."""
 
 from pathlib import Path
 
@@ -9,24 +9,24 @@ from pkm_core.identification import IdentificationError
 
 def write_model(path, machine, found, believed, origin):
     """
-    Write a file that `load_model` takes, and return {joint: AxisModel} as read back from it.
+    Write a file for `load_model`, and return {joint: AxisModel} as read back from it.
 
     Parameters
     ----------
     path : Path
         The file.
     machine : Machine
-        Whose axes they are.
+        Machine of the axes.
     found : dict of str to AxisIdentification
-        What was identified.
+        Identified joints.
     believed : dict of str to AxisModel
-        What stays of the joints that were not.
+        Present models; copied for joints not in `found`.
     origin : str
-        The command that made it, for the head of the file.
+        Command that produced the file, for its header.
 
     """
     lines = [
-        f'# What the controllers of {machine.name} know about their axes, (7.18)-(7.20).',
+        f'# Axis models of {machine.name} for its controllers, (7.18)-(7.20).',
         f'# Identified by `{origin}`; +- is one standard deviation.',
         'joints:',
     ]
@@ -42,7 +42,7 @@ def write_model(path, machine, found, believed, origin):
     try:
         return load_model(machine, path)
     except PkmError:
-        path.unlink()  # no controller shall find half a model
+        path.unlink()  # leave no invalid model file behind
         raise
 
 

@@ -1,20 +1,20 @@
 """
-The axis P = K/(s (s + a)) H wc/(s + wc) as partial fractions, from which step and sampled response follow exactly.
+The axis P = K/(s (s + a)) H wc/(s + wc) in partial fractions, for exact step and sampled responses.
 
-A zero-order hold, a computation of whole samples and any fraction of a sample of dead time leave closed forms, a
-hundred times faster than matrices of states; a fit evaluates thousands.
+The response with zero-order hold, whole samples of computation and any fractional dead time has a closed form. It is a
+hundred times faster than state-space matrices; a fit evaluates thousands.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-SLOWEST = 1e-3  # 1/s; a viscosity below it would make the two integrators coincide
+SLOWEST = 1e-3  # [1/s] least viscosity; at 0 the two integrators would coincide
 
 
 @dataclass(frozen=True)
 class PartialFractions:
-    """P(s)/K = slope/s + SUM residues/(s - poles), all poles different and none of them 0."""
+    """P(s)/K = slope/s + SUM residues/(s - poles); all poles are different and none is 0."""
 
     slope: float  # [s]
     poles: np.ndarray  # (p,) complex [1/s]
@@ -28,9 +28,9 @@ class PartialFractions:
         Parameters
         ----------
         viscosity : float
-            a [1/s]; at least SLOWEST is taken.
+            a [1/s]; raised to SLOWEST if lower.
         corner : float
-            Corner of the current loop [Hz]; infinite where it is left out.
+            Corner of the current loop [Hz]; infinite leaves the current loop out.
         modes : ndarray, shape (m, 4)
             Rows (resonance [Hz], its damping, anti-resonance [Hz], its damping) of H.
 
@@ -55,7 +55,7 @@ class PartialFractions:
         return self.slope * late + (np.expm1(np.outer(late, self.poles)) @ (self.residues / self.poles)).real
 
     def sampled(self, z, sample_time, delay=0.0):
-        """Return the response (F,) at the points `z` (F,) behind a hold and a dead time `delay` [s] below a sample."""
+        """Return the response (F,) at the points `z` (F,) with hold and a dead time `delay` [s] of under a sample."""
         z = np.asarray(z)[:, np.newaxis]
         whole, rest = np.exp(self.poles * sample_time), np.exp(self.poles * (sample_time - delay))
         held = (rest - 1 + (whole - rest) / z) / (z - whole)
@@ -64,13 +64,13 @@ class PartialFractions:
 
 
 def _pairs(frequency, damping):
-    """Return the roots of the factors s^2 + 2 z w s + w^2, w = 2 pi `frequency`; complex, two a factor."""
+    """Return the roots of the factors s^2 + 2 z w s + w^2, w = 2 pi `frequency`; complex, two per factor."""
     w = 2 * np.pi * np.asarray(frequency)
     root = w * np.emath.sqrt(np.square(damping) - 1)
     return np.concatenate([-damping * w + root, -damping * w - root]).astype(np.complex128)
 
 
 def mode_rows(modes):
-    """Return the modes of an `AxisModel` as `PartialFractions.of` takes them, (m, 4)."""
+    """Return the modes of an `AxisModel` as the argument `modes` (m, 4) of `PartialFractions.of`."""
     rows = [(mode.resonance, mode.resonance_damping, mode.antiresonance, mode.antiresonance_damping) for mode in modes]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)

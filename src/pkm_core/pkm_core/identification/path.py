@@ -1,4 +1,4 @@
-"""Joint trajectories put together from rests, moves and jogs of constant speed, smooth to the jerk everywhere."""
+"""Joint trajectories of rests, moves and jogs at constant speed, with continuous jerk."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from pkm_core.motion.trajectory import SampledTrajectory
 
 class Path:
     """
-    A joint trajectory under construction, at first at rest at the machine's home.
+    A joint trajectory under construction; it starts at rest at the machine's home.
 
     Attributes
     ----------
     position : ndarray, shape (n,)
-        Where it has come to [m].
+        Present end of the trajectory [m].
     samples : int
-        How long it is.
+        Present length.
 
     """
 
@@ -31,7 +31,7 @@ class Path:
         self._add(duration, lambda s: (0 * s, 0 * s, 0 * s, 0 * s), 0 * self.position)
 
     def move(self, target, duration, *, listed=False):
-        """Go from rest to rest at `target` (n,) [m] in `duration` [s]; a `listed` move is one of the trajectory's."""
+        """Move from rest to rest at `target` (n,) [m] in `duration` [s]; a `listed` move is in the list of moves."""
         start = self.samples
         self._add(duration, lambda s: unit_profile('p7', s), target - self.position)
         self.position = target
@@ -39,7 +39,7 @@ class Path:
             self._moves.append((start, self.samples))
 
     def change_speed(self, before, after, duration):
-        """Go from the velocity `before` to `after`, (n,) [m/s], in `duration` [s]."""
+        """Change the velocity from `before` to `after`, (n,) [m/s], in `duration` [s]."""
 
         def shape(s):
             blend, slope, curve, _ = unit_profile('p7', s)
@@ -49,20 +49,20 @@ class Path:
         self.position = self.position + 0.5 * duration * (before + after)
 
     def cruise(self, velocity, duration):
-        """Keep `velocity` (n,) [m/s] for `duration` [s]; returns (first sample, first sample after it)."""
+        """Hold `velocity` (n,) [m/s] for `duration` [s]; return (first sample, first sample after it)."""
         start = self.samples
         self._add(duration, lambda s: (0 * s, 0 * s, 0 * s, 0 * s), 0 * velocity, drift=velocity)
         self.position = self.position + velocity * (self.samples - start) * self._machine.sample_time
         return start, self.samples
 
     def trajectory(self):
-        """Return the `SampledTrajectory` in joints; without listed moves it counts as a single one."""
+        """Return the `SampledTrajectory` in joints; without listed moves the whole is one move."""
         columns = [np.concatenate(column) for column in zip(*self._pieces, strict=True)]
         starts, ends = np.array(self._moves or [(0, self.samples - 1)]).T
         return SampledTrajectory(self._machine.sample_time, self._machine.joints, *columns, starts, ends)
 
     def _add(self, duration, shape, step, drift=0.0):
-        """Append position + drift t + shape step, where `shape` gives a function of t/duration and its derivatives."""
+        """Append position + drift t + shape step; `shape` returns a function of t/duration with its derivatives."""
         count = round(duration / self._machine.sample_time)
         s = np.arange(count) / count
         rows = [

@@ -1,4 +1,4 @@
-"""What is to be identified, as somebody asks for it, and the experiments that do it."""
+"""A request for an identification, and the experiments for it."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,22 +11,22 @@ from pkm_core.jet import Jet
 from pkm_core.motion.trajectory import with_derivatives
 
 KINDS = ('low_frequency', 'sweep', 'both')
-POSITIONS = 3  # of the motor pair in a sweep
+POSITIONS = 3  # default number of positions of the motor pair in a sweep
 _MOST_POSITIONS = 20
 
 
 @dataclass(frozen=True)
 class Request:
     """
-    Which axes are identified and how; construction refuses what makes no sense with an `IdentificationError`.
+    Axes and settings of an identification; invalid values raise an `IdentificationError`.
 
-    Fields without a meaning of their own (no joints, '', 0) take the default, as an empty ROS goal does.
+    Empty fields (no joints, '', 0), as in an empty ROS goal, take the default.
     """
 
-    joints: tuple[str, ...] = ()  # all
+    joints: tuple[str, ...] = ()  # empty: all
     kind: str = 'both'
-    positions: int = 0  # of the motor pair in the sweep: POSITIONS
-    band: tuple[float, float] = (0.0, 0.0)  # [Hz] of the sweep, 0 0: that of `Sweep`
+    positions: int = 0  # of the motor pair in the sweep; 0: POSITIONS
+    band: tuple[float, float] = (0.0, 0.0)  # [Hz] of the sweep; 0 0: that of `Sweep`
     voltage: float = 0.0  # [V] largest amplitude of the sweep
     jog_speed: float = 0.0  # [m/s] of the jog under the sweep
     stroke: float = 0.0  # [m] of the slow moves
@@ -35,7 +35,7 @@ class Request:
         if self.kind not in ('', *KINDS):
             raise IdentificationError(f'kind {self.kind!r}; known: {list(KINDS)}')
         if len(set(self.joints)) < len(self.joints):
-            raise IdentificationError(f'joints {list(self.joints)}: one is named twice')
+            raise IdentificationError(f'joints {list(self.joints)}: a name is repeated; allowed once each')
         if self.positions > _MOST_POSITIONS:
             raise IdentificationError(f'positions: {self.positions}; allowed up to {_MOST_POSITIONS}')
         sizes = {
@@ -50,16 +50,16 @@ class Request:
 
     @property
     def moves(self):
-        """Whether slow moves are made, for K and a."""
+        """Whether slow moves for K and a are included."""
         return self.kind != 'sweep'
 
     @property
     def shakes(self):
-        """Whether sweeps are made, for the resonances."""
+        """Whether sweeps for the resonances are included."""
         return self.kind != 'low_frequency'
 
     def sweep(self):
-        """Return the `Sweep` that is asked for."""
+        """Return the requested `Sweep`."""
         given = {'voltage': self.voltage, 'speed': self.jog_speed, 'band': any(self.band) and tuple(self.band)}
         asked: dict[str, Any] = {name: value for name, value in given.items() if value}
         return replace(Sweep(), **asked)
@@ -67,21 +67,21 @@ class Request:
 
 def plan(machine, request, models, control):
     """
-    Return {joint: [Experiment]} of a `Request`, all checked before anything moves.
+    Return {joint: [Experiment]} of a `Request`; all are checked before the first motion.
 
     Parameters
     ----------
     machine : Machine
-        Whose axes are identified.
+        Machine of the axes.
     request : Request
-        What is wanted.
+        Axes and settings.
     models, control : dict of str to AxisModel, dict of str to RobustGains
-        What is believed of the axes and what runs meanwhile.
+        Present models and gains of all joints.
 
     Raises
     ------
     IdentificationError
-        If a joint is unknown, or an experiment leaves band, travel, speed or voltage.
+        If a joint is unknown, or an experiment exceeds the limits of band, travel, speed or voltage.
 
     """
     plans = {}
@@ -96,6 +96,6 @@ def plan(machine, request, models, control):
 
 
 def in_poses(machine, trajectory):
-    """Return the pose trajectory of a joint `trajectory`, exact up to the jerk."""
+    """Return the pose trajectory of a joint `trajectory` with exact derivatives up to the jerk."""
     jet = machine.forward(Jet.from_derivatives(*trajectory.derivatives()))
     return with_derivatives(trajectory, machine.coordinates, jet)

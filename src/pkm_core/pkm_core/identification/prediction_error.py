@@ -1,17 +1,17 @@
 """
 The low-frequency model L = K/(s (s + a)) of (7.19) by the prediction-error method, from moves in closed loop.
 
-Over each stretch of one-way motion the model predicts the position from the voltage actually sent,
+In each stretch of one-way motion the model predicts the position from the voltage sent to the drive,
 
-    y = K F(a) (u - reaction) + nuisance,   F(a) = sampled H wc/((s + wc) s (s + a)) behind hold and computation,
+    y = K F(a) (u - reaction) + nuisance,   F(a) = sampled H wc/((s + wc) s (s + a)) with hold and computation,
 
-with what is known of H and the current loop. The nuisance of a stretch is its initial position and speed and one
-constant acceleration: while a slider does not turn round Coulomb friction is a constant, and so is what cogging and
-gravity leave on average. The constants of stretches there and back differ by friction; their mean is the offset.
+with known H and current loop. The nuisance of a stretch is its initial position, its initial speed and a constant
+acceleration. Between reversals Coulomb friction is constant, and so is the mean of cogging and gravity. The constants
+of both directions differ by friction; their mean is the offset.
 
-The voltage contains feedback, that is noise, so least squares is biased in closed loop. The equations are therefore
-correlated with the reference, which no noise ever enters: the instruments are the reference and the reference behind
-1/(s + a), which is what K and a move the prediction by.
+The voltage contains fed-back noise, so least squares is biased in closed loop. The equations are therefore correlated
+with the reference, which is free of noise. The instruments are the reference and the reference filtered by 1/(s + a):
+the directions in which K and a change the prediction.
 """
 
 from dataclasses import dataclass
@@ -23,31 +23,31 @@ from pkm_core.identification import IdentificationError
 from pkm_core.identification.partial_fractions import SLOWEST
 from pkm_core.identification.prediction import SHORTEST, moving_stretches, predict
 
-_GUESSES = np.geomspace(0.1, 1000.0, 17)  # 1/s
+_GUESSES = np.geomspace(0.1, 1000.0, 17)  # [1/s]
 _ITERATIONS = 50
 _CONVERGED = 1e-9  # relative
 _COLLINEAR = 1e8  # condition number
-_FEW = 4  # stretches
-_USELESS = 0.2  # relative standard deviation of K: controllers are designed for gains that are off by so much
-# what is worth a warning
+_FEW = 4  # [stretches]
+_USELESS = 0.2  # largest relative standard deviation of K: the gain error for which controllers are designed
+# thresholds of warnings
 _POOR_FIT = 98.0  # per cent
 _POOR_GAIN, _POOR_VISCOSITY = 0.02, 0.1  # relative standard deviations
 
 
 @dataclass(frozen=True)
 class LowFrequencyFit:
-    """L as fitted; `covariance` is of (gain, viscosity), from the scatter between the stretches of motion."""
+    """Fitted L; `covariance` is that of (gain, viscosity), from the scatter between the stretches of motion."""
 
     gain: float  # K [m/s^2/V]
     viscosity: float  # a [1/s]
     covariance: np.ndarray  # (2, 2)
-    friction: float  # [V] Coulomb; nan if the axis moved one way only
+    friction: float  # [V] Coulomb; nan if all motion is in one direction
     offset: float  # [V] constant drive
-    fit_percent: float  # on stretches not used for the fit; nan if there were too few
-    residual: float  # [m] rms over the stretches used
-    used: int  # stretches
-    held_out: int
-    instrument: bool  # whether a reference served as one
+    fit_percent: float  # [%] of the held-out stretches; nan without any
+    residual: float  # [m] rms over the stretches of the fit
+    used: int  # stretches in the fit
+    held_out: int  # stretches held out
+    instrument: bool  # whether the reference is the instrument
     warnings: tuple[str, ...]
 
     @property
@@ -60,12 +60,13 @@ def fit_low_frequency(records, known):
     """
     Return the `LowFrequencyFit` to a list of `AxisData` of one axis; `known` is a `KnownDynamics`.
 
-    Every second pair of stretches is held out where there are at least _FEW.
+    With at least _FEW stretches every second pair is held out.
 
     Raises
     ------
     IdentificationError
-        If there are not two stretches of motion, they do not determine K and a, or the axis did not follow.
+        If there are fewer than two stretches of motion, they do not determine K and a, or the axis did not follow its
+        reference.
 
     """
     for data in records:
@@ -77,7 +78,7 @@ def fit_low_frequency(records, known):
     if len(used) < 2:
         raise IdentificationError(
             f'{records[0].name}: {len(used)} stretches of one-way motion over {SHORTEST} samples; at least 2 are '
-            f'needed (the axis covers {1e3 * max(np.ptp(data.position) for data in records):.3f} mm)'
+            f'needed (range of motion: {1e3 * max(np.ptp(data.position) for data in records):.3f} mm)'
         )
     gain, viscosity, covariance = _solve(used, known)
     fit = predict(used, viscosity, known)
@@ -129,7 +130,7 @@ def _solve(used, known):
             break
     else:
         raise IdentificationError(
-            f'{used[0].data.name}: no K and a explain the moves: a is at {viscosity:.3g} 1/s and wanders'
+            f'{used[0].data.name}: no K and a fit the moves: a does not converge, last value {viscosity:.3g} 1/s'
         )
     equations, slopes, _ = _equations(used, known, gain, viscosity)
     inverse = _solved(used, slopes.sum(axis=0), np.eye(2))
@@ -138,28 +139,28 @@ def _solve(used, known):
 
 
 def _refuse_weak_instruments(used, known, gain, viscosity, squares):
-    """Refuse moves whose reference says so little of K and a that noise would decide; `squares` is the error's sum."""
+    """Refuse moves that determine K worse than _USELESS; `squares` is the sum of squared errors."""
     _, slopes, moments = _equations(used, known, gain, viscosity)
     inverse = _solved(used, slopes.sum(axis=0), np.eye(2))
     variance = squares / sum(stretch.end - stretch.start for stretch in used)
     deviation = np.sqrt(variance * (inverse @ moments.sum(axis=0) @ inverse.T)[0, 0]) / abs(gain)
     if not deviation <= _USELESS:
         raise IdentificationError(
-            f'{used[0].data.name}: the moves do not tell K and a apart: K would be uncertain by '
-            f'{100 * deviation:.0f} %; at most {100 * _USELESS:.0f} % is of use; vary their speed'
+            f'{used[0].data.name}: the moves do not determine K and a: the uncertainty of K is '
+            f'{100 * deviation:.0f} %; allowed {100 * _USELESS:.0f} %; vary their speed'
         )
 
 
 def _solved(used, matrix, right):
-    """Return the solution of the 2 x 2 equations; refuse moves that do not tell K and a apart."""
+    """Return the solution of the 2 x 2 equations; refuse moves that do not determine K and a."""
     scaled = matrix / np.linalg.norm(matrix, axis=0)
     if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _COLLINEAR:
-        raise IdentificationError(f'{used[0].data.name}: the moves do not tell K and a apart; vary their speed')
+        raise IdentificationError(f'{used[0].data.name}: the moves do not determine K and a; vary their speed')
     return np.linalg.solve(matrix, right)
 
 
 def _least_squares(predictions):
-    """Return (gain, sum of squared errors) of the best gain."""
+    """Return the least-squares gain and its sum of squared errors."""
     measured, driven = (
         np.concatenate([each.free(getattr(each, name)) for each in predictions]) for name in ('measured', 'driven')
     )
@@ -189,22 +190,22 @@ def _equations(used, known, gain, viscosity):
 def _warnings(used, gain, viscosity, covariance, friction, percent):
     deviation = np.sqrt(np.diag(covariance))
     if len(used) < _FEW:
-        yield f'{len(used)} stretches of motion were used; with less than {_FEW} the uncertainty is a guess'
+        yield f'{len(used)} stretches of motion in the fit; fewer than {_FEW} make its uncertainty unreliable'
     if not np.isfinite(percent):
-        yield 'no stretch of motion was left to check the fit with'
+        yield 'no stretch of motion was held out; the fit is not validated'
     elif percent < _POOR_FIT:
-        yield f'L explains {percent:.1f} % of moves it was not fitted to; {_POOR_FIT:g} % is expected'
+        yield f'L fits held-out moves to {percent:.1f} %; expected {_POOR_FIT:g} %'
     if deviation[0] > _POOR_GAIN * abs(gain):
-        yield f'K is uncertain by {100 * deviation[0] / abs(gain):.1f} %; {100 * _POOR_GAIN:g} % is expected'
+        yield f'the uncertainty of K is {100 * deviation[0] / abs(gain):.1f} %; expected {100 * _POOR_GAIN:g} %'
     if deviation[1] > _POOR_VISCOSITY * viscosity:
         yield (
-            f'a = {viscosity:.2f} +- {deviation[1]:.2f} 1/s: the moves are too slow or too short to tell viscous '
+            f'a = {viscosity:.2f} +- {deviation[1]:.2f} 1/s: the moves are too slow or too short to determine viscous '
             f'friction'
         )
     if np.isnan(friction):
-        yield 'the axis moved one way only: friction cannot be told from an offset'
+        yield 'all motion is in one direction: friction and offset cannot be separated'
     if any(stretch.data.reference is None for stretch in used):
-        yield 'no reference was recorded: plain least squares, biased if the loop was closed and the noise not small'
+        yield 'no reference recorded: the least-squares fit is biased if the loop was closed and the noise is not small'
     saturated = sum(stretch.data.saturated(stretch.start, stretch.end) for stretch in used)
     if saturated:
         yield f'{saturated} samples of the moves are at the limit of {used[0].data.limit:g} V'

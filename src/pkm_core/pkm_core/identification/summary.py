@@ -1,4 +1,4 @@
-"""What was identified, as a table for people and as figures for machines."""
+"""Identification results as a printed table and as values for JSON."""
 
 from itertools import zip_longest
 
@@ -8,7 +8,7 @@ from rich.table import Table
 
 
 def show(console, title, found, notes=(), *, gain_unit='m/s²/V'):
-    """Print what was identified, {joint: AxisIdentification}, and every warning; `notes` are warnings too."""
+    """Print the table of {joint: AxisIdentification} and all warnings; `notes` are further warnings."""
     console.print(_table(title, found, gain_unit))
     for text in (*notes, *(warning for axis in found.values() for warning in axis.warnings)):
         console.print(f'[yellow]warning:[/yellow] {escape(text)}', soft_wrap=True, highlight=False)

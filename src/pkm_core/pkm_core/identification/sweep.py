@@ -1,4 +1,4 @@
-"""The swept sine in the closed loop: how it is made, and what it will do to an axis of which a model is believed."""
+"""The swept sine in the closed loop: its generation, and a forecast of its effect from the present model."""
 
 from dataclasses import dataclass
 
@@ -7,65 +7,65 @@ import numpy as np
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.partial_fractions import PartialFractions, mode_rows
 
-_SLIDING = 0.9  # largest speed of the vibration over that of the jog at which the slider still never stops
+_SLIDING = 0.9  # largest speed of the vibration over that of the jog; below 1 the slider never stops
 _FEWEST_LINES = 10
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """How the swept sine is made."""
+    """Settings of the swept sine."""
 
     band: tuple[float, float] = (80.0, 500.0)  # [Hz], thesis 7.3.2
     period: float = 0.512  # [s]; lines every 2 Hz, the sharpest resonance of the thesis is 9 Hz wide
     periods: int = 3  # in each direction of the jog
-    settling: float = 0.128  # [s] of each pass before the periods that count; the slowest loop forgets 99 %
-    speed: float = 15e-3  # [m/s] of the jog; an encoder of 20 um signal period then errs at 750 Hz, above the band
+    settling: float = 0.128  # [s] before the evaluated periods of a pass; transients of the slowest loop decay by 99 %
+    speed: float = 15e-3  # [m/s] of the jog; puts the error of a 20 um signal period at 750 Hz, above the band
     shake: float = 0.6  # largest speed of the vibration over that of the jog
-    voltage: float = 2.5  # [V] largest amplitude, and at most a half of what the drive can give
+    voltage: float = 2.5  # [V] largest amplitude; at most half the limit of the drive
 
 
 def one_period(sweep, model, gains, sample_time, limit):
     """
-    Return one period (P,) [V]: frequency rises evenly, amplitude keeps the vibration's speed or the voltage.
+    Return one period (P,) [V]: the frequency rises linearly; speed of vibration and voltage limit the amplitude.
 
     Parameters
     ----------
     sweep : Sweep
-        What is wanted.
+        Settings.
     model : AxisModel
-        What is believed of the axis.
+        Present model of the axis.
     gains : RobustGains
-        The loop that runs meanwhile.
+        Gains of the axis during the sweep.
     sample_time : float
-        [s].
+        Sample time [s].
     limit : float
-        What the drive can give [V].
+        Limit of the drive [V].
 
     Raises
     ------
     IdentificationError
-        If the band does not lie below half the sampling rate or has too few lines.
+        If the band exceeds half the sampling rate or has too few lines.
 
     """
     _check(sweep, sample_time)
     count = round(sweep.period / sample_time)
     duration = count * sample_time
-    low, high = (round(edge * duration) for edge in sweep.band)  # [periods of it]
-    high += (low + high) % 2  # then the phase closes with a whole number of turns
+    low, high = (round(edge * duration) for edge in sweep.band)  # [turns per period of the sweep]
+    high += (low + high) % 2  # makes the phase of a period a whole number of turns
     s = np.arange(count) / count
     frequency = (low + (high - low) * s) / duration
     rigid = model.gain / (2 * np.pi * frequency) * np.abs(_sensitivity(model, gains, frequency, sample_time))
     amplitude = np.minimum(min(sweep.voltage, 0.5 * limit), sweep.shake * sweep.speed / rigid)
     volts = amplitude * np.sin(2 * np.pi * (low * s + 0.5 * (high - low) * s * s))
     fastest = np.abs(forecast(model, gains, volts, sample_time)[1]).max()
-    return volts * min(1.0, _SLIDING * sweep.speed / fastest)  # what changes quickly swings beyond the steady amplitude
+    return volts * min(1.0, _SLIDING * sweep.speed / fastest)  # fast changes overshoot the steady amplitude
 
 
 def forecast(model, gains, volts, sample_time):
-    """Return the voltage (N,) that `volts` (N,) become in the closed loop and the speed (N,) of the carriage [m/s]."""
+    """Return drive voltage (N,) [V] and carriage speed (N,) [m/s] in closed loop for the excitation `volts` (N,)."""
     frequency = np.fft.rfftfreq(len(volts), sample_time)[1:]
     spectrum = np.fft.rfft(volts)[1:] * _sensitivity(model, gains, frequency, sample_time)
-    # friction feels the carriage, not what swings on it: the rigid part
+    # friction acts on the carriage, hence the rigid part without H
     speed = spectrum * model.gain / (2j * np.pi * frequency + model.viscosity)
     return tuple(np.fft.irfft(np.append(0, each), len(volts)) for each in (spectrum, speed))
 
@@ -81,7 +81,9 @@ def _check(sweep, sample_time):
             f'{what} in {1e3 * sweep.period:g} ms has {lines:.1f} lines; at least {_FEWEST_LINES} are needed'
         )
     if sweep.periods < 2:
-        raise IdentificationError(f'{what}: {sweep.periods} period in a pass; at least 2 tell drift from sweep')
+        raise IdentificationError(
+            f'{what}: {sweep.periods} period per pass; at least 2 are needed to separate drift and sweep'
+        )
 
 
 def _sensitivity(model, gains, frequency, sample_time):

@@ -1,1 +1,1 @@
-"""What bags have to tell: the table and picture `pkm run` ends with, and the page of `pkm report`."""
+"""Evaluation of bags: the final table and figure of `pkm run`, and the page of `pkm report`."""

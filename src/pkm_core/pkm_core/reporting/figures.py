@@ -1,8 +1,8 @@
 """
 The figures of a run, and of two runs side by side.
 
-Each takes runs, draws a column for each of them and a row for each axis, and returns a matplotlib `Figure`. Of the
-cycles the first is grey, the last blue. matplotlib takes half a second to import, so it is imported where it is used.
+Each function draws one column per run and one row per axis, and returns a matplotlib `Figure`. The first cycle is grey,
+the last blue. The docstring is the caption on the page. matplotlib is imported in the functions: it takes 0.5 s.
 """
 
 import numpy as np
@@ -14,14 +14,14 @@ from pkm_core.reporting.summary import first_and_last
 
 _TIME = 'time [ms]; moves are shaded'
 _AFTER = 'time after the end of the profile [ms]'
-# [ms] what the settling figures show, from the end of a profile on
+# [ms] range of the settling figures, from the end of a profile
 _SETTLING = (-10.0, 60.0)
-_TOLERANCE = 5.0  # [um] within which an axis has settled
-_SETTLING_CURRENT = 0.05  # of the drive's peak: range of the current in these figures
+_TOLERANCE = 5.0  # [um] band of settling
+_SETTLING_CURRENT = 0.05  # range of the current in these figures [peak current of the drive]
 
 
 def error_over_cycles(runs):
-    """Largest error of every axis while moving, cycle by cycle."""
+    """Largest dynamic error of every axis by cycle."""
     return _by_axis(runs, lambda run: ['all axes'], _draw_convergence, 'cycle', 'max dynamic error [um]', height=3.6)
 
 
@@ -31,37 +31,37 @@ def tracking(runs):
 
 
 def pose_tracking(runs):
-    """Reference and measured pose, by forward kinematics of the encoders, in the last cycle."""
+    """Reference and measured pose in the last cycle, by forward kinematics of the encoders."""
     return _by_axis(runs, _coordinates, _draw_pose, _TIME, '{} [{unit}]')
 
 
 def error(runs):
-    """Error of every joint over the first and the last cycle."""
+    """Error of every joint in the first and the last cycle."""
     return _by_axis(runs, _joints, lambda axes, run, row: _draw_error(axes, run.records, row), _TIME, '{} [um]')
 
 
 def spectrum(runs):
-    """Amplitude spectrum of the error of every joint before and after learning."""
+    """Amplitude spectrum of the error of every joint in the first and the last cycle."""
     return _by_axis(runs, _joints, _draw_spectrum, 'frequency [Hz]', '{} [um]')
 
 
 def voltage(runs):
-    """Voltage of every drive, and the learned part of it; the amplifier makes it the current on the right."""
+    """Voltage of every drive and its learned part; the right scale is the current of the amplifier."""
     return _by_axis(runs, _joints, _draw_voltage, _TIME, '{} [V]')
 
 
 def settling(runs):
-    """Error of every joint after each move, and the current of its drive, in the form of Fig. 7.27 to 7.29."""
+    """Error of every joint after each move and current of its drive, in the form of Fig. 7.27 to 7.29."""
     return _by_axis(runs, _joints, _draw_settling, _AFTER, '{} [um]')
 
 
 def end_point(runs):
-    """Error of the end point after each move, by the encoders and, where there is one, by the laser."""
+    """Error of the end point after each move, by the encoders and, if present, by the laser."""
     return _by_axis(runs, _coordinates, _draw_end_point, _AFTER, '{} [um]')
 
 
 def plot_cycles(records, path):
-    """Draw error per cycle and the first and last cycle's error over time into the PNG `path`."""
+    """Draw the error by cycle, and the error over time of the first and last cycle, into the PNG `path`."""
     joints = records[0].joints
     figure = _figure(11, 2.2 + 1.5 * len(joints))
     left, right = figure.subfigures(1, 2, width_ratios=[2, 3])
@@ -101,7 +101,7 @@ def _figure(width, height):
 
 
 def _by_axis(runs, names_of, draw, xlabel, ylabel, height=1.6):
-    """Return a figure of what ``draw(axes, run, row)`` draws for each run and axis; runs share the scales of a row."""
+    """Return a figure with ``draw(axes, run, row)`` for each run and axis; runs share the scales of a row."""
     names = [names_of(run) for run in runs]
     rows = max(map(len, names))
     figure = _figure(5.0 + 5.0 * len(runs), 1.0 + height * rows)
@@ -123,7 +123,7 @@ def _by_axis(runs, names_of, draw, xlabel, ylabel, height=1.6):
     return figure
 
 
-# ---- what stands in a cell
+# ---- the panels
 
 
 def _shown(records):
@@ -184,7 +184,7 @@ def _draw_spectrum(axes, run, row):
         frequency, amplitude = amplitude_spectrum(1e6 * record.error, record.sample_time)
         style = {'color': colour, 'linewidth': 0.9, 'label': f'cycle {record.cycle}'}
         axes.loglog(frequency[1:], amplitude[1:, row], **style)
-    axes.set_ylim(bottom=1e-4)  # 1/2000 of an encoder count: below is rounding
+    axes.set_ylim(bottom=1e-4)  # 1/2000 of an encoder count; lower values are rounding
 
 
 def _draw_voltage(axes, run, row):
@@ -200,7 +200,7 @@ def _draw_voltage(axes, run, row):
 
 
 def _draw_rests(axes, histories, values, **style):
-    """Draw `values` (N,) around the end of every move of `histories` and in the rest after it, one line each."""
+    """Draw one line of `values` (N,) per move of `histories`: around its end and in the rest after it."""
     stops = [*histories.move_starts[1:], len(values)]
     starts = [0, *stops[:-1]]
     for start, end, stop in zip(starts, histories.move_ends, stops, strict=True):
@@ -208,7 +208,7 @@ def _draw_rests(axes, histories, values, **style):
         seen = (time >= _SETTLING[0]) & (time <= _SETTLING[1])
         seen[:start] = seen[stop:] = False
         axes.plot(time[seen], values[seen], **style)
-        style.pop('label', None)  # one entry of the legend for all moves
+        style.pop('label', None)  # one legend entry for all moves
 
 
 def _draw_tolerance(axes):

@@ -1,4 +1,4 @@
-"""One cycle seen in joints, and at the end point: by forward kinematics of the encoders and by the laser."""
+"""Errors of one cycle in the joints and at the end point, by forward kinematics of the encoders and by the laser."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,13 @@ import numpy as np
 from pkm_core.machines.checks import ANGLES
 from pkm_core.motion.metrics import axis_metrics
 
-# [m] chosen; a rotation counts as the displacement on this radius, as it did for the thesis's laser on an unknown one
+# [m] chosen; a rotation counts as the displacement on this radius; that of the thesis's laser is unknown
 ARM = 50e-3
 
 
 @dataclass(frozen=True)
 class Histories:
-    """Reference and measurement of each axis over one cycle; a row is a sample, a column an axis."""
+    """Reference and measurement over one cycle; one row per sample, one column per axis."""
 
     cycle: int
     names: tuple[str, ...]
@@ -56,7 +56,7 @@ def joint_histories(record):
 
 
 def end_point_histories(record, machine):
-    """Return the `Histories` of the pose that the encoders of a `CycleRecord` tell by forward kinematics."""
+    """Return the `Histories` of the pose of a `CycleRecord` by forward kinematics of its encoders."""
     measured = machine.forward(record.position)
     return Histories(
         cycle=record.cycle,
@@ -72,9 +72,9 @@ def end_point_histories(record, machine):
 
 def laser_histories(record):
     """
-    Return the `Histories` of the displacements that the laser has measured, or None without a laser.
+    Return the `Histories` of the displacements measured by the laser, or None without a laser.
 
-    Reference and measurement count from the rest before the first move, where the laser has no datum in common with us.
+    Reference and measurement count from the rest before the first move, because the datum of the laser is unknown.
     """
     if len(record.laser_time) < 2:
         return None
@@ -101,5 +101,5 @@ def laser_histories(record):
 
 
 def _lengths(coordinates):
-    """Return the factors that make errors of a pose lengths [m]."""
+    """Return the factors from errors of a pose to lengths [m]."""
     return np.array([ARM if name in ANGLES else 1.0 for name in coordinates])

@@ -1,4 +1,4 @@
-"""One HTML page that needs nothing beside itself: tables as text, figures as SVG within."""
+"""One self-contained HTML page: tables as text, figures as embedded SVG."""
 
 import base64
 from html import escape
@@ -34,7 +34,7 @@ def page(title, sections):
 
 
 def table_fragment(table):
-    """Return a `Table` as HTML; a row that begins with text begins a group."""
+    """Return a `Table` as HTML; a row with text in its first cell begins a group."""
     head = ''.join(f'<th>{escape(heading)}</th>' for heading in table.headings)
     rows = ''.join(
         f'<tr{" class=group" if row[0] else ""}>' + ''.join(f'<td>{escape(cell)}</td>' for cell in row) + '</tr>\n'
@@ -45,7 +45,7 @@ def table_fragment(table):
 
 
 def figure_fragment(svg, caption):
-    """Return the SVG bytes `svg` as a figure of the page; as an image, so that its ids and styles stay its own."""
+    """Return the SVG bytes `svg` as a figure of the page; an image element keeps its ids and styles separate."""
     data = base64.b64encode(svg).decode()
     text = escape(caption)
     return (
@@ -54,5 +54,5 @@ def figure_fragment(svg, caption):
 
 
 def remark_fragment(text):
-    """Return a line of small print."""
+    """Return a line in small type."""
     return f'<p class="remark">{escape(text)}</p>\n'

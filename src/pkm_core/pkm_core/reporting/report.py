@@ -1,4 +1,4 @@
-"""The report of a run: tables and figures on one page, the figures as PNGs beside it."""
+"""The report of a run: tables and figures on one page, and the figures as PNG files."""
 
 from io import BytesIO
 
@@ -12,10 +12,10 @@ from pkm_core.reporting.summary import cycle_figures, messages
 from pkm_core.reporting.tables import facts_table, messages_table, moves_table, run_figures, space_tables
 
 _ABOUT = (
-    'Errors are reference minus measured; the worst of all moves of a cycle counts. The dynamic error is the largest '
-    'from the start of a move to the end of its profile, and settling counts from there. The steady-state error is the '
-    'mean over the last 10 ms of a rest; at the end point it is what the thesis calls accuracy. '
-    f'phi counts as displacement on {1e3 * ARM:g} mm.'
+    'Errors are reference minus measured. Each value is that of the worst move of a cycle. The dynamic error is the '
+    'largest from the start of a move to the end of its profile; the settling time starts at that end. '
+    'The steady-state error is the mean over the last 10 ms of a rest; at the end point the thesis calls it accuracy. '
+    f'phi counts as displacement on a radius of {1e3 * ARM:g} mm.'
 )
 _FIGURES = {  # by heading
     'Error over cycles': [figures.error_over_cycles],
@@ -33,22 +33,22 @@ def write_report(folders, out, on_step=lambda text: None):
     Parameters
     ----------
     folders : list of Path
-        One run, or two to stand side by side.
+        One run, or two for a comparison.
     out : Path
-        Made if need be; what an older report has left there is replaced.
+        Created if missing; an older report is overwritten.
     on_step : callable
-        Called with what is done next.
+        Called with the name of each step when it begins.
 
     Returns
     -------
     runs : list of Run
     figures : dict
-        Everything the page says in numbers.
+        All numbers of the page.
 
     Raises
     ------
     PkmError
-        If a folder holds no run, or `out` cannot be written.
+        If a folder has no run, or `out` cannot be written.
 
     """
     runs = read_runs(folders, on_step)
@@ -56,7 +56,7 @@ def write_report(folders, out, on_step=lambda text: None):
     numbers = [run_figures(run) for run in runs]
     counts = [messages(run.records) for run in runs]
     sections = [
-        ('What ran', [table_fragment(facts_table(runs)), *_remarks(runs)]),
+        ('Runs', [table_fragment(facts_table(runs)), *_remarks(runs)]),
         ('Tables', [table_fragment(table) for table in space_tables(runs, numbers)] + [remark_fragment(_ABOUT)]),
     ]
     with refused_if_unwritable(out):
@@ -66,7 +66,7 @@ def write_report(folders, out, on_step=lambda text: None):
         sections[-1][1].extend(table_fragment(moves_table(run)) for run in runs)
         account = [table_fragment(messages_table(run, count)) for run, count in zip(runs, counts, strict=True)]
         sections.append(('Messages', account))
-        title = ' beside '.join(f'{run.machine.name}, {run.records[-1].motion}: {run.name}' for run in runs)
+        title = ' and '.join(f'{run.machine.name}, {run.records[-1].motion}: {run.name}' for run in runs)
         (out / 'report.html').write_text(page(title, sections), encoding='utf-8')
     return runs, {
         'runs': [
@@ -84,7 +84,7 @@ def write_report(folders, out, on_step=lambda text: None):
 
 
 def _remarks(runs):
-    """Return what could not be used, and who has written the page."""
+    """Return the list of unused bags, and the origin of the page."""
     remarks = [f'{run.name}: not used: {remark}' for run in runs for remark in run.remarks]
     return [remark_fragment(text) for text in (*remarks, f'written by pkm report, revision {git_revision()}')]
 
@@ -95,7 +95,7 @@ def _draw(drawing, runs, out):
 
     figure, stream = drawing(runs), BytesIO()
     figure.savefig(out / f'{drawing.__name__}.png', dpi=110)
-    figure.set_layout_engine('none')  # everything has its place now; finding it again would cost as much as the drawing
-    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'pkm'}):  # text as text, and the same ids every time
+    figure.set_layout_engine('none')  # the layout is final; computing it again would take as long as the drawing
+    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'pkm'}):  # text as text, and reproducible ids
         figure.savefig(stream, format='svg', metadata={'Date': None})
     return figure_fragment(stream.getvalue(), drawing.__doc__)

@@ -1,4 +1,4 @@
-"""The folder of a run: what `pkm run` says of it, and its bags."""
+"""Reads the folder of a run: its results.json and its bags."""
 
 import json
 from dataclasses import dataclass, replace
@@ -11,17 +11,17 @@ from pkm_core.machines import load_machine
 
 @dataclass(frozen=True)
 class Run:
-    """A run as read: `records` are its whole cycles in their order, `remarks` say why others are not among them."""
+    """A run: `records` are its complete cycles in order, `remarks` the reasons for the missing ones."""
 
     name: str
     machine: object
-    facts: dict[str, object]  # what ran
+    facts: dict[str, object]  # settings of the run
     records: list
     remarks: list[str]
 
 
 def read_runs(folders, on_step=lambda text: None):
-    """Return the `Run`s in `folders`, named by their folders, or by their paths where these have the same name."""
+    """Return the `Run`s in `folders`, named by folder or, for equal names, by path."""
     runs = []
     for folder in folders:
         on_step(f'reading {folder}')
@@ -38,7 +38,7 @@ def read_run(folder):
     Raises
     ------
     PkmError
-        If there is no whole cycle, cycles of several motions, or nothing says which machine it was.
+        If there is no complete cycle, the cycles have several motions, or the machine is unknown.
 
     """
     folder = Path(folder)
@@ -57,20 +57,20 @@ def read_run(folder):
         else:
             remarks.append(f'{path}: ends after {len(record.ticks)} of {record.samples} ticks')
     if not records:
-        raise PkmError('; '.join([f'{folder}: has no whole cycle in {len(paths)} bags', *remarks]))
+        raise PkmError('; '.join([f'{folder}: no complete cycle in {len(paths)} bags', *remarks]))
     motions = sorted({record.motion for record in records})
     if len(motions) > 1:
-        raise PkmError(f'{folder}: has cycles of several motions, {motions}; expected those of one')
-    # of the facts in the bags those of the run, not those of a cycle
+        raise PkmError(f'{folder}: has cycles of several motions, {motions}; expected one motion')
+    # facts that are equal in all bags are those of the run
     facts = {k: v for k, v in records[0].facts.items() if all(record.facts.get(k) == v for record in records)}
     facts |= _results(folder)
     if 'machine' not in facts:
-        raise PkmError(f'{folder}: neither results.json nor the bags say which machine it was')
+        raise PkmError(f'{folder}: neither results.json nor the bags name the machine')
     return Run(folder.name, load_machine(facts['machine']), facts, records, remarks)
 
 
 def _results(folder):
-    """Return what results.json says beside figures that follow from the bags; nothing if there is none."""
+    """Return the scalar values of results.json, {} without the file; the figures are computed from the bags."""
     file = folder / 'results.json'
     if not file.exists():
         return {}

@@ -1,4 +1,4 @@
-"""Which frequencies an error is made of."""
+"""Amplitude spectrum of an error."""
 
 import numpy as np
 
@@ -7,15 +7,15 @@ def amplitude_spectrum(values, sample_time):
     """
     Return (frequencies [Hz], amplitudes) of the Fourier series of a cycle.
 
-    A cycle begins and ends at rest at the same place, so it is one period and needs no window; a sine of amplitude a
-    that fits into it shows as a.
+    A cycle begins and ends at rest at the same position, so it is one period and needs no window. A sine of amplitude a
+    with a whole number of periods has the value a.
 
     Parameters
     ----------
     values : array_like, shape (N, n)
-        A column an axis.
+        One column per axis.
     sample_time : float
-        [s]
+        Sample time [s].
 
     Examples
     --------
@@ -30,7 +30,7 @@ def amplitude_spectrum(values, sample_time):
     values = np.asarray(values, dtype=np.float64)
     length = len(values)
     amplitude = 2.0 * np.abs(np.fft.rfft(values, axis=0)) / length
-    amplitude[0] /= 2.0  # the mean, and with an even length the highest frequency, have no negative partner
+    amplitude[0] /= 2.0  # the mean and, for an even length, the highest frequency have no negative frequency
     if length % 2 == 0:
         amplitude[-1] /= 2.0
     return np.fft.rfftfreq(length, sample_time), amplitude

@@ -1,4 +1,4 @@
-"""What a run of motion cycles has shown: results as data and as a table."""
+"""Results of a run of motion cycles, as data and as a table."""
 
 from collections import Counter
 from math import isnan
@@ -10,7 +10,7 @@ from pkm_core.thesis.results import JOINT_SPACE
 
 
 def axis_figures(metrics):
-    """Return the figures of one `AxisMetrics` in um and ms; None where the axis never settles."""
+    """Return the figures of one `AxisMetrics` in um and ms; None if the axis does not settle."""
     return {
         'max_dynamic_error_um': 1e6 * metrics.max_dynamic_error,
         'settling_5um_ms': _or_none(1e3 * metrics.settling_time_5um),
@@ -24,7 +24,7 @@ def _or_none(value):
 
 
 def first_and_last(records):
-    """Return the first and the last of `records`; one if there is only one."""
+    """Return the first and the last of `records`, or the only one."""
     return [records[0], records[-1]] if len(records) > 1 else records
 
 
@@ -43,7 +43,7 @@ def messages(records):
 
 
 def cycles_table(machine_name, records):
-    """Return the table of first against last cycle, each beside what the thesis reports for its machine."""
+    """Return the table of the first and the last cycle with the values of the thesis."""
     heading = f'{records[0].motion}, learning law {records[-1].learning_law}:'
     explanation = 'largest dynamic error, settling time to a band, mean error at rest'
     table = Table(title=f'{heading}\n{explanation}', title_justify='left')
@@ -69,7 +69,7 @@ def cycles_table(machine_name, records):
 
 
 def _thesis_cells(machine_name, joint, control):
-    """Return what the thesis reports for one joint under `control`, blanks for a machine it has no table of."""
+    """Return the values of the thesis for one joint under `control`, blanks for a machine without a table."""
     reported = JOINT_SPACE.get(machine_name)
     if reported is None:
         return '', '', ''

@@ -6,7 +6,7 @@ from pkm_core.reporting.histories import end_point_histories, joint_histories, l
 from pkm_core.reporting.summary import axis_figures, first_and_last
 from pkm_core.thesis.results import END_POINT, JOINT_SPACE
 
-QUANTITIES = {  # how the quantities of `axis_figures` are called and rounded
+QUANTITIES = {  # label and format of the quantities of `axis_figures`
     'max_dynamic_error_um': ('max dynamic error [um]', '{:.1f}'),
     'settling_5um_ms': ('settling to 5 um [ms]', '{:.1f}'),
     'settling_1um_ms': ('settling to 1 um [ms]', '{:.1f}'),
@@ -16,7 +16,7 @@ QUANTITIES = {  # how the quantities of `axis_figures` are called and rounded
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text under a heading each."""
+    """Headings and rows of text."""
 
     title: str
     headings: list[str]
@@ -27,7 +27,7 @@ def run_figures(run):
     """
     Return the figures of a `Run`: {space: {cycle: {axis: {quantity: value}}}} of its first and last cycle.
 
-    Spaces are 'joints', 'end_point' and, where there is one, 'laser'; None stands for an axis that never settles.
+    Spaces are 'joints', 'end_point' and, with a laser, 'laser'. None means that an axis does not settle.
     """
     figures = {'joints': {}, 'end_point': {}, 'laser': {}}
     for record in first_and_last(run.records):
@@ -43,7 +43,7 @@ def run_figures(run):
 
 
 def space_tables(runs, figures):
-    """Return the tables of the joints and of the end point: first and last cycle of each run beside the thesis."""
+    """Return the tables of joints and end point: first and last cycle of each run, and the thesis."""
     titles = {
         'joints': 'Joints, by the encoders',
         'end_point': 'End point, by forward kinematics of the encoders',
@@ -66,7 +66,7 @@ def _space_table(title, space, runs, figures):
     headings = ['', 'axis', *(name for name, _ in ours)]
     if theirs:
         headings += [f'thesis, {column}' for column in theirs.columns]
-        title = f'{title}; the form of {theirs.title}'
+        title = f'{title}; in the form of {theirs.title}'
     rows = []
     axes = list(dict.fromkeys(axis for _, of_cycle in ours for axis in of_cycle))
     for quantity, (label, form) in QUANTITIES.items():
@@ -84,7 +84,7 @@ def _cell(value, form, instead):
     if value is None:
         return instead
     text = form.format(value)
-    return text if float(text) else text.removeprefix('-')  # no zero with a sign
+    return text if float(text) else text.removeprefix('-')  # no negative zero
 
 
 def moves_table(run):
@@ -102,7 +102,7 @@ def moves_table(run):
 
 
 def facts_table(runs):
-    """Return the table of what ran."""
+    """Return the table of the settings of the runs."""
     keys = dict.fromkeys(key for run in runs for key in run.facts)
     rows = [[key, *(_fact(run.facts.get(key, '')) for run in runs)] for key in keys]
     return Table('', ['', *(run.name for run in runs)], rows)

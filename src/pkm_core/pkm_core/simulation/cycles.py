@@ -62,7 +62,7 @@ def run_cycles(
     laser : bool
         Whether the end point is measured; doubles the run time.
     controller : object, optional
-        With the interface of pkm_core.control.controllers; replaces the controller that `control` describes.
+        With the interface of pkm_core.control.controllers; replaces the controller that `gains` describes.
 
     Returns
     -------
