@@ -41,7 +41,7 @@ def split(text):
     Raises
     ------
     QuantityError
-        If the whole text is not one number and at most one unit. The message says what stands in the way.
+        If the whole text is not one number and at most one unit. The message names the cause.
 
     Examples
     --------

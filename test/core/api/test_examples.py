@@ -68,7 +68,7 @@ def test_example_prints_and_draws_what_it_says(script, request, tmp_path):
 
 
 @pytest.mark.parametrize('number', READ_BAGS)
-def test_example_without_bags_names_the_command_that_records_some(number, tmp_path):
+def test_example_without_bags_names_the_recording_command(number, tmp_path):
     (script,) = EXAMPLES.glob(f'{number}_*.py')
     done = run(script, folder=tmp_path)
     assert done.returncode == 1

@@ -36,7 +36,7 @@ def test_workspace_of_the_planar_machine_stands_beside_table_7_5(tmp_path):
 
 
 @pytest.mark.slow
-def test_workspace_of_the_four_dof_draws_every_figure_and_surface(tmp_path):
+def test_workspace_of_four_dof_draws_all_figures_and_surfaces(tmp_path):
     import trimesh
 
     _, figures = call(workspace.workspace, folder=tmp_path)
@@ -72,7 +72,7 @@ def test_budget_ranks_the_sources(tmp_path):
     assert pictures(tmp_path) == ['budget_contributions', 'budget_distribution', 'budget_map']
 
 
-def test_calibrate_takes_the_measurements_of_a_simulation_as_its_own(tmp_path):
+def test_calibrate_reads_the_measurements_of_a_simulation(tmp_path):
     _, simulated = call(calibrate.calibrate, folder=tmp_path)
     again = tmp_path / 'again'
     again.mkdir()

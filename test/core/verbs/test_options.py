@@ -41,7 +41,7 @@ def test_former_names_of_options_are_gone(old):
     assert [verb for verb, name, _ in options() if name == old] == []
 
 
-def test_gains_of_computed_torque_are_refused_where_robust_ones_are_needed():
+def test_computed_torque_gains_are_refused_for_robust_control():
     with pytest.raises(PkmError, match=r"^--controller: 'computed_torque' is computed torque; expected gains of"):
         robust_gains(load_machine('planar'), 'computed_torque')
 

@@ -48,7 +48,7 @@ def axis_system(
         'ss' (`control.StateSpace`), 'tf' (`control.TransferFunction`) or 'frd' (`control.FrequencyResponseData` from
         1 Hz to half the sampling rate).
     model : AxisModel, optional
-        By default what config/model says of the axis; e.g. the `model` of an `Identification`.
+        By default that of config/model; e.g. the `model` of an `Identification`.
 
     Raises
     ------

@@ -69,7 +69,7 @@ class RefuseReset:
     message: str
 
 
-# [s, wall] a killed node is in the graph for 20 s more; then whoever is there twice is there twice
+# [s, wall] a killed node stays in the graph for 20 s; a second publisher after that is a real one
 LEASE = 22.0
 # one object for all ticks: `advanced` creates none
 SEND_SAMPLES = (SendSamples(),)
@@ -158,7 +158,7 @@ class CycleRun:
         Start a loaded cycle, or end a wait that has taken too long.
 
         `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet, `intruders`
-        says who publishes where only one node may; both count in `LOADED` only.
+        describes topics with several publishers where one is allowed; both count in `LOADED` only.
         """
         ready = self.state is CycleState.LOADED and not self._recorder_is_missing() and not unconnected
         if ready and not intruders:

@@ -1,4 +1,4 @@
-"""One machine per namespace: whoever starts second is refused and told which process was first."""
+"""One machine per namespace: the second one is refused, with the process that holds the namespace."""
 
 import fcntl
 import json
@@ -12,7 +12,7 @@ from pkm_core.errors import PkmError
 
 
 def _folder():
-    """Return the folder of the locks of this user, which nobody else can write."""
+    """Return the folder of the locks of this user, which no other user can write."""
     folder = Path(os.environ.get('XDG_RUNTIME_DIR') or tempfile.gettempdir()) / f'pkm-{os.getuid()}'
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()
@@ -38,7 +38,7 @@ class CellLock:
     namespace : str
         ROS namespace of the cell.
     node, session : str
-        Of the machine, for the message that a second one gets.
+        Of the machine, for the refusal of a second one.
 
     Raises
     ------

@@ -3,7 +3,7 @@ Session: the identity of one start of a cell.
 
 Every process of a cell gets the same random id as its parameter `session`. It is in cycle events, goals, results and
 bags, so that a client addresses the cell that it has started and no other one. A node without a session ('') accepts
-every message: a node that somebody starts by hand, or one of other people.
+every message: a node started by hand, or a node of another project.
 """
 
 import re
