@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pkm_core.servo.cycle_run import (
+    LEASE,
     CycleRun,
     CycleState,
     Finish,
@@ -93,6 +94,8 @@ TABLE = [
     row(LOADED, ('look', 0.0, 1, []), RUNNING, Start(4, 5), SendSamples()),
     row(LOADED, ('look', 1e9, 1, []), RUNNING, Start(4, 5), SendSamples()),  # complete: no timeout
     row(LOADED, ('look', 0.0, 1, []), RUNNING, Start(4, 5), SendSamples(), window=None, recorded=None),
+    row(LOADED, ('look', LEASE, 1, [], 'two at /a'), LOADED),  # a killed node may still be in the graph
+    row(LOADED, ('look', LEASE + 0.1, 1, [], 'two at /a'), STANDING, Refuse(4, 'cycle 4: two at /a')),
     row(LOADED, ('look', 10.0, 1, ['laser']), LOADED),
     row(
         LOADED,

@@ -61,6 +61,10 @@ class CellProcesses:
     ----------
     session : str
         Id of this start of the cell.
+    bags : Path
+        Folder of the recorder.
+    seed, environment : int, str
+        As given.
     nodes, left_out : list of NodeSpec
         Nodes that this cell runs, and nodes that it does not.
 
@@ -82,10 +86,17 @@ class CellProcesses:
     ):
         named = {'PKM_CONFIG': str(configuration.folder)} if configuration else {}
         self._environment = os.environ | named
-        bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
+        self.bags, self._logs = Path(folder) / 'bags', Path(folder) / 'log'
+        self.seed, self.environment = seed, environment
         self._namespace, self.session = namespace, new_session()
         self._logs.mkdir(parents=True, exist_ok=True)
-        options = {'control': control, 'seed': seed, 'environment': environment, 'folder': str(bags), 'record': record}
+        options = {
+            'control': control,
+            'seed': seed,
+            'environment': environment,
+            'folder': str(self.bags),
+            'record': record,
+        }
         nodes = cell_nodes(machine, **options)
         self.nodes = leave_out(nodes, without)
         self.left_out = [spec for spec in nodes if spec not in self.nodes]

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.commissioning.measured import MeasuredResponse
 from pkm_core.commissioning.procedure import Identified
 from pkm_core.errors import PkmError
 from pkm_core.identification.plan import Request
 from pkm_nodes.clients.cell_processes import CellProcesses
 from pkm_nodes.clients.identify_client import IdentifyClient
+from pkm_nodes.clients.own_bags import read_own
 
 
 class CellBench:
@@ -81,7 +81,7 @@ class CellBench:
         except PkmError:
             self._is_well = False  # it may be in a safe stop, or a process may have ended
             raise
-        return [read_cycle(path).metrics() for path in log.bags]
+        return [record.metrics() for record in read_own(log.bags, self._processes)]
 
 
 def _response(message):

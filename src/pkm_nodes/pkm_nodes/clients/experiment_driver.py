@@ -3,7 +3,6 @@
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.experiments.condition import prepared
 from pkm_core.experiments.outcome import outcome
 from pkm_core.files import writable_folder
@@ -29,6 +28,7 @@ def _run(condition, seed, cycles, arrangement, folder):
     """Return the `CycleRecord`s of a run and the notices of the cell."""
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
+    from pkm_nodes.clients.own_bags import read_own
 
     machine, motion, _, joints, control, _, start = prepared(condition)
     learned = ''
@@ -42,4 +42,5 @@ def _run(condition, seed, cycles, arrangement, folder):
     ):
         client.wait_until_up(cell.check)
         log = client.execute(motion, cycles, condition.law, cell.check, lambda feedback: None, learned=learned)
-    return [read_cycle(path) for path in log.bags], log.notices
+        records = read_own(log.bags, cell)
+    return records, log.notices

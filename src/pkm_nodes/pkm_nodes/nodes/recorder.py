@@ -106,6 +106,7 @@ class RecorderNode(PkmNode):
         loops = self._parameters_of_cell.values_of(CONFIG_HASH) or [self._loop_at_start]
         return {
             'machine': self._machine,
+            'session': self.session,
             'git_revision': git_revision(),
             'config_hash': config_hash(loops, motion, law, self._configuration),
             'parameters': self._parameters_of_cell.as_json(),

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 from pkm_core.arrangement import Arrangement
-from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import PkmError
 from pkm_core.files import write_json
@@ -84,12 +83,18 @@ def run(
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
     try:
-        log = _drive(console, machine, arrangement, namespace, cell, goal, out)
+        log, records, session = _drive(console, machine, arrangement, namespace, cell, goal, out)
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
-    records = [read_cycle(path) for path in log.bags]
-    loop = loop_hash(goal.machine, controller, machine_hash(machine))
-    results = _results(goal, cell, arrangement, config_hash([loop], goal.motion, goal.law), log, records)
+    hashes = {record.facts['config_hash'] for record in records}
+    expected = config_hash([loop_hash(goal.machine, controller, machine_hash(machine))], goal.motion, goal.law)
+    if hashes != {expected}:
+        raise PkmError(
+            f'{out}: the bags have the configuration {sorted(hashes)}, the files now {expected}; '
+            'expected files that do not change during a run'
+        )
+    cell['session'] = session
+    results = _results(goal, cell, arrangement, expected, log, records)
     write_json(out / 'results.json', results)
     write_figures(json_file, results)
     plot_cycles(records, out / 'learning.png')
@@ -129,10 +134,11 @@ class _Goal:
 
 
 def _drive(console, machine, arrangement, namespace, cell_options, goal, out):
-    """Run the cell and return its `CycleLog`."""
+    """Run the cell; return its `CycleLog`, the `CycleRecord`s of its bags and its session."""
     discover_on_this_computer()
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
+    from pkm_nodes.clients.own_bags import read_own
 
     with (
         progress_bar(console, goal.cycles, name='starting the cell', keep=True) as bar,
@@ -155,7 +161,7 @@ def _drive(console, machine, arrangement, namespace, cell_options, goal, out):
         log = client.execute(goal.motion, goal.cycles, goal.law, check, on_feedback, learned=learned)
         if goal.save_learned:
             client.save_learned(goal.save_learned.resolve(), check)
-        return log
+        return log, read_own(log.bags, cell), cell.session
 
 
 def _results(goal, cell, arrangement, hash_of_config, log, records):
