@@ -73,8 +73,11 @@ def test_processes_are_the_nodes_of_the_graph(launch):
     assert [(node.executable, node.name or node.executable) for node in nodes] == [
         (s.executable, s.name) for s in specs
     ]
+    session = nodes[0].parameters[0]['session']
+    assert session
+    assert launch(machine='planar')[0].parameters[0]['session'] != session
     for node, spec in zip(nodes, specs, strict=True):
-        assert node.parameters == [{'use_sim_time': True, **spec.parameters}]
+        assert node.parameters == [{'use_sim_time': True, 'session': session, **spec.parameters}]
         assert (node.namespace, node.remappings) == ('/pkm', [])
 
 

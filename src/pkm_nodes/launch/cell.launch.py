@@ -20,6 +20,7 @@ from pkm_nodes.graph import (
     whole_number,
 )
 from pkm_nodes.runtime.node import CONTROL, MACHINE
+from pkm_nodes.runtime.session import new_session
 
 ARGUMENTS = [
     DeclareLaunchArgument('machine', default_value='four_dof', description=MACHINE),
@@ -50,6 +51,7 @@ def _nodes(context):
     }
     namespace = namespace_of(value['namespace'])
     composed = value['arrangement'] == 'composed'
+    common = {'use_sim_time': True, 'session': new_session()}
     specs = [composed_cell(**settings)] if composed else cell_nodes(**settings)
     return [
         Node(
@@ -59,7 +61,7 @@ def _nodes(context):
             name=None if spec.name == spec.executable else spec.name,
             namespace=namespace,
             remappings=clock_of(namespace),
-            parameters=[{'use_sim_time': True, **spec.parameters}],
+            parameters=[{**common, **spec.parameters}],
             output='screen',
         )
         for spec in specs
