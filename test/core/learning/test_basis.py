@@ -108,7 +108,7 @@ def test_forces_a_motion_does_not_excite_are_left_out():
 
 
 def test_basis_law_without_reference_is_refused():
-    with pytest.raises(LearningError, match='d1: the basis law has no reference; call with_reference first'):
+    with pytest.raises(LearningError, match='d1: the basis law needs the reference; none given by with_reference'):
         law('planar').update('d1', np.zeros(600), np.zeros(600), 0, TS)
 
 

@@ -101,7 +101,7 @@ class BasisLaw(Law):
 
     def _reference(self, joint):
         if self._trajectory is None:
-            raise LearningError(f'learning {joint}: the basis law has no reference; call with_reference first')
+            raise LearningError(f'learning {joint}: the basis law needs the reference; none given by with_reference')
         return self._trajectory
 
     def _fit(self, joint):
