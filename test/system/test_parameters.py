@@ -1,4 +1,4 @@
-"""docs/parameters.md is what `pkm parameters` writes, and every configuration file stands on it."""
+"""docs/parameters.md is the output of `pkm parameters` and has every configuration file."""
 
 import sys
 from pathlib import Path
