@@ -18,7 +18,7 @@ from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 
 
 class Encoders:
-    """The test in the place of the motors."""
+    """Replacement of the motors."""
 
     def __init__(self, graph, machine):
         self._publishers = [graph.publisher(EncoderSample, f'{joint}/encoder') for joint in machine.joints]
@@ -91,7 +91,7 @@ def test_samples_of_a_restarted_machine_are_kept_apart(graph, encoders, poses, m
     for joint in (1, 2, 3):
         encoders.send_one(joint, 2 * STATES_EVERY, machine.home[joint])
     graph.spin_in_silence()
-    assert len(poses) == 4, 'the first joint has not told its place'
+    assert len(poses) == 4, 'the sample of the first joint is missing'
 
 
 def test_joint_states_have_all_joints_with_mean_speeds(graph, encoders, joint_states, machine):

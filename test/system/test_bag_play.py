@@ -114,7 +114,7 @@ def test_messages_are_played_at_the_requested_rate_with_clock(bag, processes, ea
     assert seconds >= simulated / 0.2
     ear.wait_for(lambda: len(samples) >= len(recorded(bag, '/pkm/d3/encoder')), 'the last sample')
     assert samples == recorded(bag, '/pkm/d3/encoder')
-    assert poses == recorded(bag, '/pkm/pose'), 'nobody else has made them'
+    assert poses == recorded(bag, '/pkm/pose'), 'from the state estimator alone'
     times = [clock.clock.sec * 1_000_000_000 + clock.clock.nanosec for clock in clocks]
     assert times == sorted(times)
     assert set(times) <= set(range(0, 400_000_000, 10_000_000)), 'every 20th tick, as the machine sends it'

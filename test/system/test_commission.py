@@ -50,7 +50,7 @@ def test_unknown_machine_is_commissioned_on_the_graph(processes, tuning, monkeyp
     assert max(errors['learned'][-1].values()) < 0.3 * tuned < tuned < found
     assert 'recommended' in done.stdout
     assert 'as found' in done.stdout
-    assert '<svg' not in (out / 'report.html').read_text()  # figures are images of their own
+    assert '<svg' not in (out / 'report.html').read_text()  # figures are separate images
     # one cell from beginning to end: the motion as found, every experiment, the acceptance move, what was learned
     assert len(list((out / 'as_found' / 'bags').iterdir())) == 1 + 2 * 4 + 1 + 5
     assert not (out / 'tuned').exists()

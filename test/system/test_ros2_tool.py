@@ -1,4 +1,4 @@
-"""bringup_scripts/ros2 against a node of its own; the expected texts are those of ros2cli 0.32 (Jazzy)."""
+"""bringup_scripts/ros2 with a node of the test; the expected texts are those of ros2cli 0.32 (Jazzy)."""
 
 import re
 import signal
@@ -247,7 +247,7 @@ def test_rate_is_that_of_the_window():
         'average rate: 1.500\n\tmin: 0.500s max: 1.000s std dev: 0.23570s window: 3\n'
         '\t50 %: 500000us 95 %: 950000us 99 %: 990000us'
     ]
-    assert intervals.count(500) is None  # time was reset: starts anew
+    assert intervals.count(500) is None  # time was reset: the count restarts
     assert intervals.count(1000) is None
 
 

@@ -140,7 +140,7 @@ def test_rates_and_frames_of_the_docs_match_a_recorded_cycle(runs):
             if name in frames:
                 assert frames[name] == (frame if frame != '-' else ''), name
     assert left_out == {'/pkm/recorder/tick', '/pkm/machine/cycle', '/clock', '/diagnostics', '/pkm/cycle_events'}
-    assert counts['/pkm/cycle_events'] >= 6  # RECORDED comes when the bag is closed
+    assert counts['/pkm/cycle_events'] >= 6  # RECORDED follows the closing of the bag
     assert {name for name, frame in frames.items() if frame} == {'/pkm/pose', '/pkm/twist', '/pkm/markers'}
 
 
