@@ -41,7 +41,7 @@ _SILENCE = 0.2
 
 
 class Graph:
-    """The nodes of one test and the executor that serves them while the test waits."""
+    """The nodes of one test, served by an executor while the test waits."""
 
     def __init__(self):
         self._executor = SingleThreadedExecutor()
@@ -52,7 +52,7 @@ class Graph:
         self.events = self.listen(CycleEvent, 'cycle_events')
 
     def start(self, node_type, **parameters):
-        """Return a running node with these parameters; a machine brings its motors and its laser with it."""
+        """Return a running node with these parameters; a machine includes its motors and laser."""
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self._has_litter = True  # until it is made; one that refuses its parameters cannot be destroyed
         node = node_type(parameter_overrides=overrides)
@@ -63,21 +63,21 @@ class Graph:
         return node
 
     def stop(self, node):
-        """Take a node, and a machine's parts, out of the graph."""
+        """Remove a node, and the parts of a machine, from the graph."""
         for each in (node, *getattr(node, 'parts', ())):
             self._executor.remove_node(each)
             self._nodes.remove(each)
             each.destroy_node()
 
     def listen(self, message_type, topic, qos=None):
-        """Return a list that grows by every message on `topic`."""
+        """Return a list to which every message on `topic` is appended."""
         messages = []
         self.node.create_subscription(message_type, topic, messages.append, qos or reliable(1000))
         self._connect()
         return messages
 
     def publisher(self, message_type, topic, qos=None):
-        """Return a publisher of the test, connected to everybody who listens."""
+        """Return a publisher of the test, connected to all subscribers."""
         publisher = self.node.create_publisher(message_type, topic, qos or reliable(1000))
         self._connect()
         return publisher
@@ -92,7 +92,7 @@ class Graph:
         return future.result()
 
     def next_event(self, kind, **fields):
-        """Wait for an event of `kind` with these fields, take it out of `events` and return it."""
+        """Wait for an event of `kind` with these fields, remove it from `events` and return it."""
         wanted = {'event': kind, **fields}
 
         def found():
@@ -104,7 +104,7 @@ class Graph:
         return event
 
     def spin_until(self, condition, what, timeout=_PATIENCE):
-        """Serve the nodes until `condition()`; fail with `what` was waited for."""
+        """Serve the nodes until `condition()` is true; on a timeout fail with the text `what`."""
         deadline = monotonic() + timeout
         while not condition():
             if monotonic() > deadline:
@@ -112,7 +112,7 @@ class Graph:
             self._executor.spin_once(timeout_sec=0.05)
 
     def spin_in_silence(self):
-        """Serve the nodes long enough for everything under way to arrive, before a test asserts what did not."""
+        """Serve the nodes until all messages sent have arrived, before a test asserts that none has."""
         end = monotonic() + _SILENCE
         self.spin_until(lambda: monotonic() > end, 'the end of the silence')
 
@@ -129,7 +129,7 @@ class Graph:
         self._executor.add_node(node)
 
     def _connect(self):
-        """Wait until every publisher knows all its readers: what is sent from then on arrives."""
+        """Wait until every publisher is matched with all its readers; later messages arrive."""
         readers = Counter(subscription.topic_name for node in self._nodes for subscription in node.subscriptions)
         publishers = [publisher for node in self._nodes for publisher in node.publishers]
         self.spin_until(
@@ -140,7 +140,7 @@ class Graph:
 
 @pytest.fixture(scope='module')
 def domain_id():
-    """Return a DDS domain that is this module's alone, also if somebody else runs these tests at the same time."""
+    """Return a DDS domain that no other module or test run uses."""
     for number in islice(_next_domain, len(_DOMAINS)):
         try:
             lock = (Path(tempfile.gettempdir()) / f'pkm_test_domain_{number}').open('w')
@@ -187,7 +187,7 @@ def short_motion(machine):
 
 @pytest.fixture
 def joint_trajectory(machine, short_motion):
-    """Return a function that makes the message of `short_motion` in joints."""
+    """Return a function that makes the joint message of `short_motion`."""
     joints = to_joints(machine, short_motion)
 
     def message(cycle, *, motion='short', **fields):
@@ -203,7 +203,7 @@ def axis(graph, joint_trajectory):
 
 @pytest.fixture
 def law(machine):
-    """Return the law of d3 as the core has it, with the short motion to be loaded."""
+    """Return the law of d3 of the core; the short motion is not loaded."""
     return RobustController(
         load_control(machine)['d3'], load_model(machine)['d3'], machine.sample_time, machine.voltage_limit
     )
@@ -216,7 +216,7 @@ def learning(graph):
 
 @pytest.fixture
 def goals(graph):
-    """Return who sends goals of execute_motion."""
+    """Return a client of execute_motion."""
     goals = Goals(graph)
     yield goals
     goals.close()
@@ -224,11 +224,11 @@ def goals(graph):
 
 @pytest.fixture
 def stand_in(graph):
-    """Return the test in the place of the cell behind pose_trajectory."""
+    """Return the replacement of the cell downstream of pose_trajectory."""
     return CellStandIn(graph)
 
 
 @pytest.fixture
 def controllers(graph):
-    """Return the test in the place of the joint controllers."""
+    """Return the replacement of the joint controllers."""
     return Controllers(graph)

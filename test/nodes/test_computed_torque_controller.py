@@ -1,4 +1,4 @@
-"""The controller of all joints at once; the test stands in the place of the machine."""
+"""The controller of all joints; the test replaces the machine."""
 
 import math
 
@@ -17,7 +17,7 @@ UM = 1e-6
 
 
 class Cell:
-    """The test in the place of the machine."""
+    """Replacement of the machine."""
 
     def __init__(self, graph, joint_trajectory, machine):
         self._graph, self.message = graph, joint_trajectory
@@ -38,7 +38,7 @@ class Cell:
             assert self._graph.next_event(CycleEvent.LOADED, cycle=cycle, source=joint).samples == len(self.reference)
 
     def sample(self, cycle, index, positions, mode=EncoderSample.RUN):
-        """Send the samples of a tick; a joint whose position is None has none."""
+        """Send the samples of a tick, without those of position None."""
         for encoder, position in zip(self._encoders, positions, strict=True):
             if position is not None:
                 encoder.publish(
@@ -51,7 +51,7 @@ class Cell:
         return [commands.pop() for commands in self.commands]
 
     def run(self, cycle, lag=0.0):
-        """Play a cycle in which the sliders lag; return the commands, a row a tick."""
+        """Play a cycle with lagging sliders; return the commands, one row per tick."""
         rows = []
         for index, reference in enumerate(self.reference.position):
             self.sample(cycle, index, reference - lag)
@@ -68,7 +68,8 @@ def voltages(rows):
     return [[command.voltage for command in row] for row in rows]
 
 
-def test_every_tick_is_answered_for_all_joints_with_the_law_of_the_core(graph, cell, machine):
+def test_commands_have_the_voltages_of_the_law_of_the_core(graph, cell, machine):
+    """Every tick gets one command per joint."""
     graph.start(ComputedTorqueControllerNode)
     law = make_controller(machine, load_torque_control(machine))
     law.load(cell.reference, np.zeros_like(cell.reference.position))
@@ -82,18 +83,20 @@ def test_every_tick_is_answered_for_all_joints_with_the_law_of_the_core(graph, c
         assert [command.feedforward for command in row] == [0.0] * 4
 
 
-def test_nobody_is_answered_before_the_samples_of_a_tick_are_complete(graph, cell):
+def test_incomplete_tick_gets_no_command(graph, cell):
+    """The samples of the next tick do not complete it."""
     graph.start(ComputedTorqueControllerNode)
     cell.load(1)
     home = cell.reference.position[0]
     cell.sample(1, 0, [*home[:3], None])
     graph.spin_in_silence()
     assert not any(cell.commands)
-    cell.sample(1, 0, home)  # the next tick does not make up for the one that is not complete
+    cell.sample(1, 0, home)  # the next tick does not complete it
     assert [command.tick for command in cell.answer()] == [1] * 4
 
 
-def test_position_that_is_not_finite_is_not_answered_and_the_next_one_is(graph, cell):
+def test_non_finite_position_gets_no_command(graph, cell):
+    """The next finite one does."""
     graph.start(ComputedTorqueControllerNode)
     cell.load(1)
     home = cell.reference.position[0]
@@ -104,7 +107,7 @@ def test_position_that_is_not_finite_is_not_answered_and_the_next_one_is(graph, 
     assert [command.tick for command in cell.answer()] == [1] * 4
 
 
-def test_metrics_of_every_joint_come_after_the_last_tick(graph, cell):
+def test_metrics_of_every_joint_follow_the_last_tick(graph, cell):
     graph.start(ComputedTorqueControllerNode)
     metrics = [graph.listen(CycleMetrics, f'{joint}/cycle_metrics') for joint in JOINTS]
     cell.load(1)
@@ -116,7 +119,7 @@ def test_metrics_of_every_joint_come_after_the_last_tick(graph, cell):
 
 
 @pytest.mark.parametrize('stop', ['safe stop', 'reset'])
-def test_after_a_safe_stop_or_a_reset_the_law_starts_afresh(graph, cell, stop):
+def test_safe_stop_and_reset_reset_the_law(graph, cell, stop):
     graph.start(ComputedTorqueControllerNode)
     events = graph.publisher(CycleEvent, 'cycle_events')
     cell.load(1)
@@ -132,7 +135,7 @@ def test_after_a_safe_stop_or_a_reset_the_law_starts_afresh(graph, cell, stop):
     assert voltages(cell.run(3)) == fresh
 
 
-def test_trajectory_that_wants_to_be_learned_is_refused(graph, cell):
+def test_trajectory_with_a_learning_law_is_refused(graph, cell):
     graph.start(ComputedTorqueControllerNode)
     cell.send(cell.message(4, learning_law='fourier'))
     refused = graph.next_event(CycleEvent.REFUSED, cycle=4)
@@ -154,6 +157,6 @@ def test_cycle_of_identification_is_refused(graph, cell):
         ({'joint': 'd1'}, r"computed_torque_controller has unknown parameter\(s\) \['joint'\]"),
     ],
 )
-def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
     with pytest.raises(ConfigError, match=text):
         graph.start(ComputedTorqueControllerNode, **parameters)

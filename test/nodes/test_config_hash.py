@@ -1,4 +1,4 @@
-"""Config hash of a bag: that of the files which the controllers have loaded, not of the files on the disk."""
+"""Config hash of a bag: that of the files loaded by the controllers, not of the files on disk."""
 
 import re
 import shutil
@@ -34,7 +34,7 @@ def config(tmp_path, monkeypatch):
 
 @pytest.fixture
 def cell(config, graph, tmp_path):
-    """Start a cell of real nodes that does not learn."""
+    """Start a cell of real nodes without learning."""
     graph.start(MachineNode, machine=MACHINE, wait_for_recorder=True)
     for joint in load_machine(MACHINE).joints:
         named = partial(JointControllerNode, name=f'joint_controller_{joint}')  # as in a cell
@@ -54,7 +54,7 @@ def loop_of_files():
     return loop_hash(load_machine(MACHINE), 'robust', machine_hash(MACHINE))
 
 
-def test_bag_has_the_hash_of_the_files_that_are_loaded(graph, cell, config, goals):
+def test_bag_has_the_hash_of_the_loaded_files(graph, cell, config, goals):
     """Cases: no change; edited but not reloaded; one of two controllers reloaded; both reloaded."""
     machine = load_machine(MACHINE)
     x, y = machine.forward(machine.home)

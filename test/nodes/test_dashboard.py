@@ -1,4 +1,4 @@
-"""Node dashboard: what the cell says in, goals and service calls out; the page itself is test/system/test_page.py."""
+"""Node dashboard: state of the cell, goals and service calls; test/system/test_page.py tests the page."""
 
 import math
 
@@ -34,7 +34,7 @@ def dashboard(graph):
 
 
 def record(folder, joints, errors, voltages, *, name='bag'):
-    """Write a bag that holds the commands of one cycle; errors and voltages are (N, n)."""
+    """Write a bag with the commands of one cycle; errors and voltages are (N, n)."""
     topics = {f'/pkm/{joint}/command': 'pkm_interfaces/msg/MotorCommand' for joint in joints}
     bag = BagWriter(folder / name, topics, {})
     for tick, (error, voltage) in enumerate(zip(errors, voltages, strict=True), start=100):
@@ -52,7 +52,7 @@ def measure(cell, cycle, *errors):
 # a Cell, without ROS
 
 
-def test_best_cycle_is_that_of_the_best_worst_axis(cell):
+def test_best_cycle_has_the_least_worst_axis_error(cell):
     measure(cell, 1, 9e-6, 1e-6, 1e-6, 1e-6)
     assert (cell.best_cycle, cell.worst(1)) == (1, 9e-6)
     cell.measure(CycleMetrics(cycle=2, joint='d1', max_dynamic_error=1e-9))
@@ -63,7 +63,7 @@ def test_best_cycle_is_that_of_the_best_worst_axis(cell):
     assert (cell.best_cycle, cell.worst(2)) == (2, 3e-6)
 
 
-def test_best_cycle_is_remembered_when_old_ones_are_forgotten(cell):
+def test_best_cycle_is_kept_when_old_cycles_are_dropped(cell):
     for cycle in range(1, 700):
         measure(cell, cycle, *4 * [1e-6 if cycle == 3 else 2e-6])
     assert len(cell.errors) == 500
@@ -79,7 +79,7 @@ def test_best_cycle_is_remembered_when_old_ones_are_forgotten(cell):
         ('short', 'fourier', 1.1, False),
     ],
 )
-def test_errors_are_kept_only_while_motion_and_law_stay_the_same(cell, motion, law, scale, kept):
+def test_errors_are_dropped_when_motion_or_law_changes(cell, motion, law, scale, kept):
     poses = np.tile(cell.machine.forward(cell.machine.home), (5, 1))
     cell.load(1, 'short', 'fourier', poses)
     measure(cell, 1, *4 * [1e-6])
@@ -90,7 +90,7 @@ def test_errors_are_kept_only_while_motion_and_law_stay_the_same(cell, motion, l
     assert cell.path == pytest.approx(scale * poses[:, :3])
 
 
-def test_events_tell_what_the_machine_does(cell, machine):
+def test_status_follows_the_cycle_events(cell, machine):
     story = [
         (CycleEvent.STARTED, Status.RUNNING, ''),
         (CycleEvent.FAULT, Status.FAULT, 'd1 has hit its stop'),
@@ -111,7 +111,7 @@ def test_cycle_without_a_bag_shows_why(cell):
     assert 'cycle 3 is not recorded: /bags: No space left on device' in status_html(cell)
 
 
-def test_trace_is_what_the_commands_in_the_bag_say(cell, tmp_path):
+def test_trace_holds_the_commands_of_the_bag(cell, tmp_path):
     random = np.random.default_rng(1)
     errors, voltages = random.normal(size=(2, 30, 4)).tolist()
     bag = record(tmp_path, cell.machine.joints, errors, voltages)
@@ -133,7 +133,7 @@ def test_best_trace_is_that_of_the_best_cycle(cell, tmp_path, bag_first):
     assert (cell.best.cycle, cell.latest.cycle) == (2, 3)
 
 
-def test_bag_that_is_not_to_be_had_is_said_and_the_last_trace_stays(cell, tmp_path):
+def test_missing_bag_is_reported_and_the_last_trace_kept(cell, tmp_path):
     zeros = np.zeros((3, 4)).tolist()
     bag = record(tmp_path, cell.machine.joints, zeros, zeros)
     cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
@@ -143,7 +143,7 @@ def test_bag_that_is_not_to_be_had_is_said_and_the_last_trace_stays(cell, tmp_pa
     assert cell.no_trace == f'{tmp_path / "elsewhere"}: no such bag on this computer'
 
 
-def test_bag_that_is_none_of_this_cell_is_refused(cell, tmp_path):
+def test_bag_of_another_cell_is_refused(cell, tmp_path):
     bag = record(tmp_path, ('x', 'y'), np.zeros((3, 2)).tolist(), np.zeros((3, 2)).tolist())
     with pytest.raises(BagError, match=r'has no tick with a command of every joint of \[.d1'):
         read_trace(bag, 1, cell.machine.joints, '/pkm')
@@ -152,7 +152,7 @@ def test_bag_that_is_none_of_this_cell_is_refused(cell, tmp_path):
         read_trace(bag, 1, cell.machine.joints, '/pkm')
 
 
-def test_text_from_the_graph_is_shown_as_text(cell):
+def test_text_from_the_graph_is_escaped(cell):
     cell.hear(CycleEvent(event=CycleEvent.FAULT, message='<script>'))
     cell.hear(CycleEvent(event=CycleEvent.REFUSED, source='<b>', message='<i>'))
     cell.motion = '<u>'
@@ -163,7 +163,7 @@ def test_text_from_the_graph_is_shown_as_text(cell):
 # the node
 
 
-def test_machine_is_known_by_its_parameter_also_after_another_has_come(graph, dashboard):
+def test_dashboard_reads_the_machine_parameter_of_each_machine(graph, dashboard):
     assert dashboard.cell.machine is None
     first = graph.start(MachineNode, machine='four_dof')
     graph.spin_until(lambda: dashboard.cell.status == Status.STANDING, 'a standing machine')
@@ -178,7 +178,7 @@ def test_machine_is_known_by_its_parameter_also_after_another_has_come(graph, da
     graph.spin_until(lambda: dashboard.cell.errors == {4: {'d3': 1e-6}}, 'metrics of the new machine')
 
 
-def test_machine_that_was_started_anew_counts_from_one(graph, dashboard, machine):
+def test_restarted_machine_resets_the_cycle_number(graph, dashboard, machine):
     dashboard.cell = Cell(machine)
     dashboard.cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=5))
     measure(dashboard.cell, 5, *4 * [1e-6])
@@ -207,8 +207,8 @@ def test_machine_that_was_started_anew_counts_from_one(graph, dashboard, machine
         ({}, ERROR, Status.FAULT, 'running, fault: of a drive'),
     ],
 )
-def test_status_comes_from_keys_not_from_prose(graph, dashboard, machine, values, level, status, reason):
-    """The last two cases are machines of others, whose diagnostics have no keys."""
+def test_status_is_read_from_keys_of_diagnostics(graph, dashboard, machine, values, level, status, reason):
+    """The last two cases are other machines, whose diagnostics have no keys."""
     dashboard.cell = Cell(machine)
     pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
     message = DiagnosticStatus(name='/pkm/machine', level=level, message='running, fault: of a drive', values=pairs)
@@ -217,7 +217,7 @@ def test_status_comes_from_keys_not_from_prose(graph, dashboard, machine, values
     assert dashboard.cell.reason == reason
 
 
-def test_nodes_that_are_missing_or_doubled_are_named(graph, dashboard):
+def test_missing_and_duplicate_nodes_are_named(graph, dashboard):
     graph.start(MachineNode)
     first, second = graph.start(TrajectoryGeneratorNode), graph.start(TrajectoryGeneratorNode)
 
@@ -249,7 +249,7 @@ def test_refused_goals_show_the_reason(graph, dashboard):
         assert not dashboard.cell.notice.good
 
 
-def test_buttons_without_a_cell_say_who_is_missing(graph, dashboard, machine):
+def test_buttons_without_a_cell_name_the_missing_node(graph, dashboard, machine):
     dashboard.cell = Cell(machine)
     for wish, missing in (
         (('run', 'four_dof_70ms', 1, 'none'), 'trajectory_generator'),
@@ -262,7 +262,7 @@ def test_buttons_without_a_cell_say_who_is_missing(graph, dashboard, machine):
         assert not dashboard.cell.notice.good
 
 
-def test_stop_cancels_the_goal_of_another_client_too(graph, dashboard):
+def test_stop_cancels_the_goal_of_another_client(graph, dashboard):
     graph.start(MachineNode)
     graph.start(TrajectoryGeneratorNode)
     other = graph.start(DashboardNode)
@@ -282,7 +282,7 @@ def test_reset_shows_the_answer_of_the_machine(graph, dashboard):
     assert dashboard.cell.notice.good
 
 
-def test_page_tells_its_parameters_like_every_node(graph, dashboard):
-    # an attribute of its own once hid those of rclpy, and the first recorder that asked ended the page
+def test_dashboard_lists_its_parameters(graph, dashboard):
+    # an attribute once hid that of rclpy, and the first request of a recorder ended the page
     answer = graph.call(ListParameters, '/pkm/dashboard/list_parameters')
     assert {'host', 'port'} <= set(answer.result.names)

@@ -1,4 +1,4 @@
-"""A cycle of identification between the nodes: excitation in, excited voltage out, and a stop beyond the bounds."""
+"""An identification cycle of the nodes: excitation, excited voltage, and the stop outside the bounds."""
 
 from array import array
 
@@ -55,7 +55,7 @@ def excitations(volts, cycle=0):
 
 
 class Cycle:
-    """The test in the place of the trajectory generator and of the machine's axis d3."""
+    """Replacement of the trajectory generator and the machine's axis d3."""
 
     def __init__(self, graph, joints):
         self._graph, self._joints = graph, joints
@@ -127,7 +127,8 @@ def test_cycle_of_identification_is_not_learned(graph, cycle, learning, joints, 
     assert not learning.requests
 
 
-def test_axis_that_leaves_its_bounds_asks_for_a_stop_and_is_not_answered(graph, cycle, joints, volts):
+def test_axis_outside_its_bounds_requests_a_stop(graph, cycle, joints, volts):
+    """The sample gets no command."""
     graph.start(JointControllerNode, joint='d3')
     cycle.excite(1, volts)
     cycle.plan(1)
@@ -147,7 +148,7 @@ def test_excitation_of_the_wrong_length_is_refused(graph, cycle, volts):
     assert refused.message == 'excitation of d3: 199 values; expected one per sample, 200'
 
 
-def test_inverse_kinematics_leaves_a_cycle_planned_in_joints_alone(graph, machine, joints):
+def test_inverse_kinematics_ignores_cycles_planned_in_joints(graph, machine, joints):
     graph.start(InverseKinematicsNode)
     sent = graph.listen(SampledTrajectory, 'joint_trajectory')
     poses = graph.publisher(SampledTrajectory, 'pose_trajectory')
@@ -159,7 +160,7 @@ def test_inverse_kinematics_leaves_a_cycle_planned_in_joints_alone(graph, machin
 
 
 def send(goals, joints, excitation, **fields):
-    """Return the handle of a goal of one cycle of identification."""
+    """Return the handle of a goal of one identification cycle."""
     experiment = trajectory_to_msg(joints, cycle=0, motion='d3_sweep_0')
     return goals.send(**{'experiment': experiment, 'excitation': excitation} | fields)
 
@@ -171,7 +172,7 @@ def end(goals, handle):
 
 @pytest.fixture
 def cell(graph, tmp_path):
-    """Start a whole cell of real nodes, but for what shows and learns."""
+    """Start a cell of real nodes without display and learning."""
     graph.start(MachineNode, wait_for_recorder=True)
     for joint in JOINTS:
         graph.start(JointControllerNode, joint=joint)
@@ -180,7 +181,7 @@ def cell(graph, tmp_path):
     graph.start(RecorderNode, folder=str(tmp_path))
 
 
-def test_experiment_runs_as_one_cycle_and_its_bag_has_the_excitation(graph, cell, goals, machine, joints, volts):
+def test_experiment_is_one_cycle_recorded_with_its_excitation(graph, cell, goals, machine, joints, volts):
     result = send(goals, joints, excitations(volts))
     recorded = graph.next_event(CycleEvent.RECORDED)
     assert end(goals, result) == (GoalStatus.STATUS_SUCCEEDED, '')
@@ -201,7 +202,7 @@ def test_stop_of_the_running_cycle_brakes_the_machine_at_once(graph, cell, goals
     assert end(goals, result) == (GoalStatus.STATUS_ABORTED, 'machine: somebody: enough')
 
 
-def test_stop_of_another_cycle_means_nothing(graph, cell, goals, joints, volts):
+def test_stop_of_another_cycle_has_no_effect(graph, cell, goals, joints, volts):
     events = graph.publisher(CycleEvent, 'cycle_events')
     result = send(goals, joints, excitations(volts))
     graph.next_event(CycleEvent.STARTED, cycle=1)
@@ -217,7 +218,7 @@ def test_stop_of_another_cycle_means_nothing(graph, cell, goals, joints, volts):
         (JOINTS, {'motion': 'four_dof_70ms'}, "motion 'four_dof_70ms', 0 poses and experiment 'd3_sweep_0'; give one"),
     ],
 )
-def test_experiment_that_does_not_fit_is_refused(graph, goals, joints, volts, excited, fields, reason):
+def test_invalid_experiment_is_refused(graph, goals, joints, volts, excited, fields, reason):
     graph.start(TrajectoryGeneratorNode)
     given = [each for each in excitations(volts) if each.joint in excited]
     status, message = end(goals, send(goals, joints, given, **fields))
@@ -225,7 +226,8 @@ def test_experiment_that_does_not_fit_is_refused(graph, goals, joints, volts, ex
     assert reason in message
 
 
-def test_cancelled_identification_leaves_the_machine_braked_and_the_bag_whole(graph, cell, machine, tmp_path):
+def test_cancelled_identification_brakes_the_machine(graph, cell, machine, tmp_path):
+    """The bag of the cycle is readable."""
     graph.start(IdentificationNode, folder=str(tmp_path / 'identified'))
     client = ActionClient(graph.node, Identify, 'identify')
     graph.spin_until(client.server_is_ready, 'the action server')
@@ -242,7 +244,7 @@ def test_cancelled_identification_leaves_the_machine_braked_and_the_bag_whole(gr
     assert result.result().status == GoalStatus.STATUS_CANCELED
     assert result.result().result.message == f'd3_slow_moves: machine: {fault.message}'
     graph.spin_until(lambda: moved[-1].tick == fault.tick - 1, 'the last tick of the safe stop')
-    assert abs(moved[-1].counts - moved[-50].counts) <= 2  # it stands, as far as the encoder's noise lets one see
+    assert abs(moved[-1].counts - moved[-50].counts) <= 2  # at rest to within the noise of the encoder
     recorded = graph.next_event(CycleEvent.RECORDED)
     record, warnings = read_cell_bag(machine, recorded.bag)
     assert 100 <= len(record.counts) < 7000

@@ -1,4 +1,4 @@
-"""Node identification: what it refuses and how it ends; the test stands in the place of the cell it shakes."""
+"""Node identification: refusals and ends of a goal; the test replaces the excited cell."""
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -14,7 +14,7 @@ JOINTS = ('d1', 'd3')
 
 
 class Cell:
-    """The test in the place of joint controllers, recorder and trajectory generator of a planar machine."""
+    """Replacement of joint controllers, recorder and trajectory generator of a planar machine."""
 
     def __init__(self, graph, joints=JOINTS, *, records=True):
         self._graph = graph
@@ -47,7 +47,7 @@ class Cell:
 
 
 class Client:
-    """Sends goals of identify and takes their results."""
+    """Client that sends goals of identify and receives their results."""
 
     def __init__(self, graph):
         self._graph = graph
@@ -102,7 +102,7 @@ def cell_of(graph):
         ({'kind': Identify.Goal.SWEEP}, "kind 'sweep': no slow moves of ['d1', 'd3'] yet; send a goal of kind BOTH"),
     ],
 )
-def test_goal_that_cannot_be_met_is_refused_before_anything_moves(cell_of, client, goal, reason):
+def test_infeasible_goal_is_refused_before_any_motion(cell_of, client, goal, reason):
     cell = cell_of()
     status, message = client.end(client.send(**goal))
     assert status == GoalStatus.STATUS_ABORTED
@@ -110,7 +110,7 @@ def test_goal_that_cannot_be_met_is_refused_before_anything_moves(cell_of, clien
     assert not cell.goals
 
 
-def test_axis_without_its_controller_is_not_enabled(cell_of, client):
+def test_axis_without_a_controller_is_refused(cell_of, client):
     cell = cell_of(('d1',))
     status, message = client.end(client.send())
     assert status == GoalStatus.STATUS_ABORTED
@@ -118,13 +118,13 @@ def test_axis_without_its_controller_is_not_enabled(cell_of, client):
     assert not cell.goals
 
 
-def test_nothing_moves_without_a_recorder(cell_of, client):
+def test_goal_without_a_recorder_is_refused(cell_of, client):
     cell_of(records=False)
     _, message = client.end(client.send())
     assert message == 'raw records are kept as bags, but no recorder publishes /pkm/recorder/tick'
 
 
-def test_refusal_of_the_cell_ends_the_goal_with_its_reason(cell_of, client):
+def test_refusal_by_the_cell_ends_the_goal_with_its_reason(cell_of, client):
     cell = cell_of()
     cell.ended.set_result('machine: the machine has stopped: enough; call the service machine/reset first')
     status, message = client.end(client.send(joints=['d3']))
@@ -132,7 +132,7 @@ def test_refusal_of_the_cell_ends_the_goal_with_its_reason(cell_of, client):
     assert message == 'd3_slow_moves: ' + cell.ended.result()
 
 
-def test_generator_that_is_gone_in_the_midst_of_a_cycle_ends_the_goal(cell_of, client):
+def test_end_of_the_generator_in_a_cycle_ends_the_goal(cell_of, client):
     cell = cell_of()
     goal = client.send(joints=['d3'])
     cell.wait_for_goal()
@@ -154,7 +154,7 @@ def test_second_goal_is_refused_while_one_runs(cell_of, client):
     client.end(first)
 
 
-def test_feedback_says_what_moves(graph, cell_of, client):
+def test_feedback_names_the_running_experiment(graph, cell_of, client):
     cell = cell_of()
     goal = client.send(joints=['d3'])
     experiment = cell.wait_for_goal().experiment
@@ -167,7 +167,8 @@ def test_feedback_says_what_moves(graph, cell_of, client):
 
 
 @pytest.mark.parametrize('started', [True, False])
-def test_cancelled_goal_stops_the_cycle_at_once_or_as_soon_as_it_starts(graph, cell_of, client, started):
+def test_cancelled_goal_stops_the_cycle(graph, cell_of, client, started):
+    """At once, or at its start if it has not started."""
     cell = cell_of()
     goal = client.send()
     cell.wait_for_goal()

@@ -1,4 +1,4 @@
-"""docs/interfaces.md says what the nodes do: every topic with its type and QoS, every service and action."""
+"""docs/interfaces.md agrees with the nodes: every topic with its type and QoS, every service and action."""
 
 import json
 import re
@@ -51,7 +51,7 @@ def documented(machine):
 
 @pytest.fixture
 def nodes(graph, tmp_path):
-    """Return all nodes of a cell, and the page's."""
+    """Return all nodes of a cell, and that of the page."""
     made = [DashboardNode()]
     for spec in cell_nodes('four_dof', folder=tmp_path):
         parameters = [Parameter(name, value=value) for name, value in spec.parameters.items()]
@@ -78,8 +78,8 @@ def test_every_topic_is_documented_with_its_type_and_qos(nodes, documented):
     assert offered == documented
 
 
-def test_every_topic_comes_from_the_nodes_that_the_page_names(nodes, machine):
-    """What stands behind a semicolon is about other controllers, or for people."""
+def test_topics_are_published_by_the_documented_nodes(nodes, machine):
+    """Text after a semicolon is about other controllers, or for people."""
     named = {}
     for row in tables('Topics'):
         sources = [source.strip() for source in row['from'].partition(';')[0].split(',')]
@@ -94,7 +94,7 @@ def test_every_topic_comes_from_the_nodes_that_the_page_names(nodes, machine):
     assert said == named
 
 
-def test_nobody_listens_to_what_nobody_says(nodes, documented):
+def test_every_subscribed_topic_has_a_publisher(nodes, documented):
     for node in nodes:
         for subscription in node.subscriptions:
             if not OF_ROS.fullmatch(subscription.topic_name):
@@ -141,7 +141,7 @@ def test_keys_of_diagnostics_are_documented(graph, machine, tmp_path):
 
 
 def layout_paths():
-    """Return the topic and fields of everything the layouts show."""
+    """Return topic and fields of every curve of the layouts."""
     foxglove = json.loads((LAYOUTS / 'foxglove.json').read_text(encoding='utf-8'))
     shown = [path['value'] for panel in foxglove['configById'].values() for path in panel.get('paths', [])]
     paths = [(topic, fields.split('.')) for topic, _, fields in (value.partition('.') for value in shown)]

@@ -1,4 +1,4 @@
-"""Node inverse_kinematics: pose trajectories in, joint trajectories out, everything else refused by name."""
+"""Node inverse_kinematics: conversion of pose trajectories to joint trajectories, and refusals."""
 
 import math
 from array import array
@@ -16,7 +16,7 @@ from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
 
 @pytest.fixture
 def poses(graph):
-    """Start the node and return a publisher for what it listens to."""
+    """Start the node and return a publisher of pose trajectories."""
     graph.start(InverseKinematicsNode)
     return graph.publisher(SampledTrajectory, 'pose_trajectory')
 
@@ -31,9 +31,8 @@ def pose_message(short_motion):
     return trajectory_to_msg(short_motion, cycle=4, motion='short', learning_law='fourier')
 
 
-def test_joint_trajectory_is_the_inverse_of_the_poses_up_to_the_jerk(
-    graph, poses, joints, pose_message, short_motion, machine
-):
+def test_joint_trajectory_is_the_inverse_of_the_poses(graph, poses, joints, pose_message, short_motion, machine):
+    """Up to the jerk."""
     poses.publish(pose_message)
     graph.spin_until(lambda: joints, 'a joint trajectory')
     message, expected = joints[0], to_joints(machine, short_motion)
@@ -42,7 +41,7 @@ def test_joint_trajectory_is_the_inverse_of_the_poses_up_to_the_jerk(
         assert np.array_equal(np.array(getattr(message, name)).reshape(-1, 4), getattr(expected, name))
 
 
-def test_everything_but_the_coordinates_is_handed_on(graph, poses, joints, pose_message):
+def test_fields_other_than_coordinates_are_passed_on(graph, poses, joints, pose_message):
     poses.publish(pose_message)
     graph.spin_until(lambda: joints, 'a joint trajectory')
     for name in ('cycle', 'motion', 'learning_law', 'sample_time', 'move_starts', 'move_ends'):
@@ -107,9 +106,8 @@ def too_fast(message):
         (too_fast, 'allowed 0.8 m/s'),
     ],
 )
-def test_trajectory_that_cannot_be_driven_is_refused_and_the_next_one_goes_through(
-    graph, poses, joints, pose_message, spoil, text, short_motion
-):
+def test_infeasible_trajectory_is_refused(graph, poses, joints, pose_message, spoil, text, short_motion):
+    """The next valid one is converted."""
     spoil(pose_message)
     poses.publish(pose_message)
     refused = graph.next_event(CycleEvent.REFUSED)
@@ -127,6 +125,6 @@ def test_trajectory_that_cannot_be_driven_is_refused_and_the_next_one_goes_throu
         ({'joint': 'd1'}, r"inverse_kinematics has unknown parameter\(s\) \['joint'\]; known: .*'machine'"),
     ],
 )
-def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
     with pytest.raises(ConfigError, match=text):
         graph.start(InverseKinematicsNode, **parameters)

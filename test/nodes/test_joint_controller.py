@@ -1,4 +1,4 @@
-"""One joint controller: when it loads a cycle, what it answers, when it begins afresh; the test is its machine."""
+"""One joint controller: loading of a cycle, commands, reset; the test replaces the machine."""
 
 import math
 
@@ -27,10 +27,10 @@ def test_loaded_trajectory_is_reported_with_its_length(graph, axis):
     graph.start(JointControllerNode, joint='d3')
     loaded = axis.load(5)
     assert (loaded.source, loaded.cycle, loaded.samples) == ('d3', 5, SAMPLES)
-    axis.load(5)  # sent again, reported again: the machine may have come up late
+    axis.load(5)  # resent and reported again, for a machine that started late
 
 
-def test_trajectory_is_loaded_only_when_somebody_takes_the_commands(graph, joint_trajectory):
+def test_trajectory_is_loaded_only_with_a_command_subscriber(graph, joint_trajectory):
     graph.start(JointControllerNode, joint='d3')
     graph.publisher(SampledTrajectory, 'joint_trajectory').publish(joint_trajectory(1))
     graph.spin_in_silence()
@@ -39,10 +39,13 @@ def test_trajectory_is_loaded_only_when_somebody_takes_the_commands(graph, joint
     graph.next_event(CycleEvent.LOADED, cycle=1)
 
 
-def test_reader_of_the_commands_that_cannot_connect_holds_up_a_cycle_for_a_while_only(graph, axis, monkeypatch):
+def test_incompatible_subscriber_delays_loading_by_a_timeout(graph, axis, monkeypatch):
+    """The QoS it requests is not offered, so it never connects."""
     monkeypatch.setattr(cycle_controller, 'DISCOVERY', 0.5)
     graph.start(JointControllerNode, joint='d3')
-    graph.node.create_subscription(MotorCommand, 'd3/command', print, LAST_VALUE_QOS)  # wants what is not offered
+    graph.node.create_subscription(
+        MotorCommand, 'd3/command', print, LAST_VALUE_QOS
+    )  # requests a QoS that is not offered
     graph.spin_until(lambda: graph.node.count_subscribers('d3/command') == 2, 'the second reader to be known')
     axis.send(axis.message(1))
     graph.spin_in_silence()
@@ -50,9 +53,8 @@ def test_reader_of_the_commands_that_cannot_connect_holds_up_a_cycle_for_a_while
     graph.next_event(CycleEvent.LOADED, cycle=1)
 
 
-def test_every_tick_is_answered_with_the_voltage_of_the_law_and_reference_minus_measured(
-    graph, axis, law, joint_trajectory
-):
+def test_command_has_voltage_of_the_law_and_position_error(graph, axis, law, joint_trajectory):
+    """Every tick gets one command with tick, cycle, voltage, error and feedforward."""
     graph.start(JointControllerNode, joint='d3')
     axis.load(1)
     message = joint_trajectory(1)
@@ -71,7 +73,7 @@ def test_every_tick_is_answered_with_the_voltage_of_the_law_and_reference_minus_
         assert command.feedforward == 0.0
 
 
-def test_samples_of_another_cycle_or_of_a_safe_stop_are_not_answered(graph, axis):
+def test_samples_of_other_cycles_and_safe_stops_get_no_command(graph, axis):
     graph.start(JointControllerNode, joint='d3')
     axis.load(1)
     axis.sample(2, 0, 0.14)
@@ -83,7 +85,7 @@ def test_samples_of_another_cycle_or_of_a_safe_stop_are_not_answered(graph, axis
     assert not axis.commands
 
 
-def test_after_a_safe_stop_the_law_starts_afresh(graph, axis):
+def test_safe_stop_resets_the_law(graph, axis):
     graph.start(JointControllerNode, joint='d3')
     axis.load(1)
     fresh = [command.voltage for command in axis.run(1)]
@@ -96,7 +98,8 @@ def test_after_a_safe_stop_the_law_starts_afresh(graph, axis):
     assert [command.voltage for command in axis.run(3)] == fresh
 
 
-def test_cycle_that_is_stopped_by_an_event_is_over_also_without_a_machine_that_says_so(graph, axis):
+def test_stop_event_ends_the_running_cycle(graph, axis):
+    """A STOP of another cycle has no effect; no event of the machine is needed."""
     graph.start(JointControllerNode, joint='d3')
     events = graph.publisher(CycleEvent, 'cycle_events')
     axis.load(1)
@@ -113,7 +116,8 @@ def test_cycle_that_is_stopped_by_an_event_is_over_also_without_a_machine_that_s
     assert [command.voltage for command in axis.run(3)] == fresh
 
 
-def test_after_a_reset_of_the_machine_the_law_starts_afresh_also_without_a_fault(graph, axis):
+def test_reset_of_the_machine_resets_the_law(graph, axis):
+    """Also without a preceding fault."""
     graph.start(JointControllerNode, joint='d3')
     events = graph.publisher(CycleEvent, 'cycle_events')
     axis.load(1)
@@ -128,7 +132,8 @@ def test_after_a_reset_of_the_machine_the_law_starts_afresh_also_without_a_fault
     assert [command.voltage for command in axis.run(4)] == fresh
 
 
-def test_foreign_trajectory_in_the_midst_of_a_cycle_is_refused_and_the_cycle_goes_on(graph, axis):
+def test_trajectory_of_another_cycle_is_refused_while_one_runs(graph, axis):
+    """The running cycle continues with unchanged voltages."""
     graph.start(JointControllerNode, joint='d3')
     axis.load(1)
     fresh = [command.voltage for command in axis.run(1)]
@@ -148,7 +153,8 @@ def test_foreign_trajectory_in_the_midst_of_a_cycle_is_refused_and_the_cycle_goe
     axis.load(3)
 
 
-def test_position_that_is_not_finite_is_not_answered_and_the_next_one_is(graph, axis):
+def test_non_finite_position_gets_no_command(graph, axis):
+    """The next finite position does."""
     graph.start(JointControllerNode, joint='d3')
     axis.load(1)
     axis.sample(1, 0, math.nan)
@@ -158,7 +164,7 @@ def test_position_that_is_not_finite_is_not_answered_and_the_next_one_is(graph, 
     assert math.isfinite(command.voltage)
 
 
-def test_index_beyond_the_cycle_is_not_answered(graph, axis):
+def test_index_beyond_the_cycle_gets_no_command(graph, axis):
     graph.start(JointControllerNode, joint='d3')
     axis.load(1)
     axis.sample(1, SAMPLES, axis.reference[0])
@@ -201,7 +207,7 @@ def with_a_move_beyond_the_end(message):
         (with_a_move_beyond_the_end, 'moves from samples [2, 22] to [12, 40]; expected'),
     ],
 )
-def test_trajectory_that_does_not_fit_is_refused_and_the_next_one_is_loaded(graph, axis, spoil, text):
+def test_invalid_trajectory_is_refused_and_the_next_one_loaded(graph, axis, spoil, text):
     graph.start(JointControllerNode, joint='d3')
     message = axis.message(2)
     spoil(message)
@@ -239,7 +245,7 @@ def test_metrics_of_a_cycle_are_those_of_its_errors(graph, axis, machine):
         ({'least_gain_margin': math.nan}, r'least_gain_margin is nan; expected a positive, finite number'),
     ],
 )
-def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
     with pytest.raises(PkmError, match=text):
         graph.start(JointControllerNode, **parameters)
 

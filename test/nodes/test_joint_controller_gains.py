@@ -1,4 +1,4 @@
-"""Gains of a running joint controller: taken over without a jump, or refused; the test is its machine."""
+"""Gains of a running joint controller: applied without a voltage step, or refused; the test replaces the machine."""
 
 import math
 import re
@@ -17,7 +17,7 @@ from support.axis import SAMPLES, UM
 
 
 def set_gains(graph, **values):
-    """Set parameters of the controller at once and return (successful, reason)."""
+    """Set parameters of the controller together and return (successful, reason)."""
     request = SetParametersAtomically.Request(
         parameters=[
             Parameter(name.replace('__', '.'), value=value).to_parameter_msg() for name, value in values.items()
@@ -27,7 +27,7 @@ def set_gains(graph, **values):
     return result.successful, result.reason
 
 
-def test_gains_are_changed_in_the_midst_of_a_cycle_without_a_jump(graph, axis, law, joint_trajectory):
+def test_gains_change_during_a_cycle_without_a_voltage_step(graph, axis, law, joint_trajectory):
     graph.start(JointControllerNode, joint='d3')
     message = joint_trajectory(1)
     law.load(
@@ -39,7 +39,7 @@ def test_gains_are_changed_in_the_midst_of_a_cycle_without_a_jump(graph, axis, l
     for index, reference in enumerate(axis.reference):
         if index == 15:
             assert set_gains(graph, kp=other.kp, ki=other.ki) == (True, '')
-            law.exchange(other)  # of which test_robust.py says that the voltage does not jump
+            law.exchange(other)  # without a voltage step, see test_robust.py
         axis.sample(1, index, reference - 3 * UM)
         assert axis.answer().voltage == law.update(index, reference - 3 * UM)[0]
 
@@ -58,7 +58,8 @@ def test_gains_are_changed_in_the_midst_of_a_cycle_without_a_jump(graph, axis, l
         ({'kq': 1.0}, r'undeclared'),
     ],
 )
-def test_gains_that_leave_too_little_margin_are_refused_before_they_are_applied(graph, axis, values, text):
+def test_gains_with_too_little_margin_are_refused(graph, axis, values, text):
+    """They are never applied."""
     node = graph.start(JointControllerNode, joint='d3')
     axis.load(1)
     fresh = [command.voltage for command in axis.run(1)]
@@ -73,9 +74,8 @@ def test_gains_that_leave_too_little_margin_are_refused_before_they_are_applied(
     assert [command.voltage for command in axis.run(2)] == fresh
 
 
-def test_after_a_change_of_gains_learning_begins_anew_from_what_there_is_with_the_new_loop(
-    graph, axis, learning, machine
-):
+def test_change_of_gains_restarts_learning(graph, axis, learning, machine):
+    """The feedforward is kept; the next request has iteration 0 and the new gains."""
     graph.start(JointControllerNode, joint='d3')
     for answer in (1.0, 2.0, 3.0):
         learning.will_answer([answer] * SAMPLES)
@@ -94,7 +94,8 @@ def test_after_a_change_of_gains_learning_begins_anew_from_what_there_is_with_th
     assert asked_with == [configured, configured, configured.model_copy(update={'kp': softer})]
 
 
-def test_feedforward_of_the_configured_gains_is_refused_by_a_controller_that_has_others(graph, axis):
+def test_feedforward_of_other_gains_is_refused(graph, axis):
+    """A feedforward saved for the configured gains is refused after a change of gains."""
     graph.start(JointControllerNode, joint='d3')
     assert set_gains(graph, ki=0.0)[0]
     message = axis.message(1)

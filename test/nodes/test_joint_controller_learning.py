@@ -1,4 +1,4 @@
-"""What one joint controller learns from cycle to cycle; the test stands in the place of machine and service."""
+"""Learning of one joint controller over cycles; the test replaces machine and service."""
 
 import math
 from array import array
@@ -15,7 +15,8 @@ from pkm_nodes.parts import axis_learning
 from support.axis import SAMPLES, UM, feedforward_of
 
 
-def test_learning_is_asked_after_the_last_tick_and_its_answer_is_the_next_feedforward(graph, axis, learning, machine):
+def test_reply_of_learning_is_the_next_feedforward(graph, axis, learning, machine):
+    """The request follows the last tick and holds error, feedforward and iteration of the cycle."""
     graph.start(JointControllerNode, joint='d3')
     learned = [0.01 * index for index in range(SAMPLES)]
     learning.will_answer(learned)
@@ -40,7 +41,7 @@ def test_learning_is_asked_after_the_last_tick_and_its_answer_is_the_next_feedfo
 
 def test_learned_feedforward_adds_to_the_voltage(graph, axis, learning):
     graph.start(JointControllerNode, joint='d3')
-    # a lead of zero: loading does not shift the integrator, so the voltages differ by the learned part alone
+    # the learned part starts at zero: loading does not shift the integrator, so the voltages differ by it alone
     learning.will_answer([0.0] * 30 + [0.5] * 10)
     axis.load(1, learning_law='fourier')
     first = axis.run(1)
@@ -70,7 +71,8 @@ def refuses(learning):
 
 
 @pytest.mark.parametrize('fails', [refuses, answers_too_short, answers_nan])
-def test_feedforward_stays_when_learning_fails_and_learning_goes_on_from_it(graph, axis, learning, fails):
+def test_failed_learning_keeps_the_feedforward(graph, axis, learning, fails):
+    """The next request continues from it, with the same iteration."""
     graph.start(JointControllerNode, joint='d3')
     learning.will_answer([1.0] * SAMPLES)
     fails(learning)
@@ -105,7 +107,7 @@ def test_changed_motion_or_law_starts_learning_from_zero(graph, axis, learning, 
     assert list(learning.requests[1].feedforward) == [0.0] * SAMPLES
 
 
-def test_cycle_is_loaded_only_when_learning_has_answered(graph, axis):
+def test_cycle_is_loaded_after_the_reply_of_learning(graph, axis):
     gate = Future()
 
     async def answer_later(request, response):
@@ -125,7 +127,7 @@ def test_cycle_is_loaded_only_when_learning_has_answered(graph, axis):
     assert axis.answer().feedforward == 1.0
 
 
-def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
+def test_cell_runs_without_a_learning_service(graph, axis, monkeypatch):
     monkeypatch.setattr(axis_learning, 'LEARNING_TIMEOUT', 0.2)
     graph.start(JointControllerNode, joint='d3')
     axis.load(1, learning_law='fourier')
@@ -136,7 +138,8 @@ def test_cell_goes_on_without_a_learning_service(graph, axis, monkeypatch):
     assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
 
 
-def test_divergence_is_noticed_within_two_cycles_and_the_best_feedforward_is_driven_again(graph, axis, learning):
+def test_divergence_restores_the_best_feedforward(graph, axis, learning):
+    """It is detected within two cycles, reported, and learning restarts at iteration 0."""
     graph.start(JointControllerNode, joint='d3')
     diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
     errors = [20 * UM, 4 * UM, 5 * UM, 13 * UM, 40 * UM, 4 * UM]  # from the fourth cycle on learning makes it worse
@@ -157,7 +160,7 @@ def test_divergence_is_noticed_within_two_cycles_and_the_best_feedforward_is_dri
     assert [request.iteration for request in learning.requests] == [0, 1, 2, 3, 0]
 
 
-def test_feedforward_that_comes_with_the_trajectory_is_driven_and_learned_from(graph, axis, learning):
+def test_feedforward_of_the_trajectory_is_applied_and_learned(graph, axis, learning):
     graph.start(JointControllerNode, joint='d3')
     learning.will_answer([3.0] * SAMPLES)
     learning.will_answer([4.0] * SAMPLES)
@@ -182,7 +185,7 @@ def test_feedforward_that_comes_with_the_trajectory_is_driven_and_learned_from(g
         ([math.nan] * (SAMPLES * 4), 'not finite'),
     ],
 )
-def test_feedforward_that_does_not_fit_is_refused(graph, axis, feedforward, text):
+def test_invalid_feedforward_is_refused(graph, axis, feedforward, text):
     graph.start(JointControllerNode, joint='d3')
     message = axis.message(1)
     message.feedforward = array('d', feedforward)

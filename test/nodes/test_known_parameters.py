@@ -15,8 +15,8 @@ from pkm_nodes.nodes.machine import MachineNode
 SEED = ['--ros-args', '-p', 'seed:=3']  # a parameter of the machine
 
 
-def test_parameter_of_another_node_is_unknown_unless_told(graph):
-    """Nodes that were made before in the same Python process change nothing."""
+def test_parameter_of_another_node_is_refused_by_default(graph):
+    """Nodes made before in the same Python process have no effect."""
     graph.start(MachineNode)
     with pytest.raises(ConfigError, match=r"/pkm/inverse_kinematics has unknown parameter\(s\) \['seed'\]"):
         graph.start(partial(InverseKinematicsNode, cli_args=SEED))

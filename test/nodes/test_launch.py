@@ -91,17 +91,17 @@ def test_nodes_left_out_are_not_started(launch):
     assert 'without' not in launch()[0].parameters[0]
 
 
-def test_node_that_no_cell_has_cannot_be_left_out(launch):
+def test_unknown_node_cannot_be_left_out(launch):
     with pytest.raises(PkmError, match=r"without: no node of this cell is called \['d3'\]; known: \['machine', "):
         launch(arrangement='processes', without='d3')
 
 
-def test_namespace_that_cannot_be_is_refused(launch):
+def test_invalid_namespace_is_refused(launch):
     with pytest.raises(PkmError, match="namespace: 'a b' given"):
         launch(namespace='a b')
 
 
 @pytest.mark.parametrize('seed', ['x', '-1', '1.5', ''])
-def test_seed_that_is_no_whole_number_is_refused(launch, seed):
+def test_seed_must_be_a_whole_number(launch, seed):
     with pytest.raises(PkmError, match=re.escape(f"seed: '{seed}' given; expected an integer, 0 or more")):
         launch(seed=seed)

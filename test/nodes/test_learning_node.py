@@ -1,4 +1,4 @@
-"""Node learning: the service learning/update, its law's bits and its refusals."""
+"""Node learning: bits and refusals of the service learning/update, and saving."""
 
 import math
 from array import array
@@ -26,7 +26,7 @@ MOTION = 'four_dof_70ms'
 
 @pytest.fixture
 def request_of():
-    """Return a function that makes a valid request, but for the fields it is given."""
+    """Return a function that makes a valid request with the given fields replaced."""
     random = np.random.default_rng(3)
     error, feedforward = random.normal(scale=1e-5, size=SAMPLES), random.normal(size=SAMPLES)
 
@@ -47,12 +47,12 @@ def request_of():
 
 @pytest.fixture(scope='module')
 def trajectory(machine):
-    """Return the joint trajectory of the machine's own motion."""
+    """Return the joint trajectory of the machine's default motion."""
     return to_joints(machine, plan(machine, load_motion(MOTION)))
 
 
 class Cycles:
-    """The test in the place of the generator and of the controllers."""
+    """Replacement of the generator and the controllers."""
 
     def __init__(self, graph, trajectory):
         self._graph, self.trajectory = graph, trajectory
@@ -65,7 +65,7 @@ class Cycles:
         self._publisher.publish(trajectory_to_msg(trajectory, cycle=cycle, motion=motion, learning_law=law))
 
     def verdict(self):
-        """Wait for the verdict of a law in the log and return it."""
+        """Wait for the convergence verdict of a law in the log and return it."""
         self._graph.spin_until(lambda: [m for m in self._log if 'converges' in m.msg], 'the verdict of the law')
         return next(m.msg for m in self._log if 'converges' in m.msg)
 
@@ -79,7 +79,7 @@ class Cycles:
         return UpdateFeedforward.Request(**valid | changed)
 
     def learn(self, joint, cycle, law, **changed):
-        """Return a request, and the feedforward that came for it."""
+        """Return a request and the feedforward of its response."""
         request = self.request(joint, cycle, law, **changed)
         response = self._graph.call(UpdateFeedforward, 'learning/update', request)
         assert response.success, response.message
@@ -97,7 +97,8 @@ def expected(law, request):
 
 
 @pytest.mark.parametrize('name', ['fourier', 'fourier_pid', 'inverse', 'norm_optimal', 'basis'])
-def test_answer_is_the_law_of_the_core_bit_for_bit_and_its_verdict_came_before(graph, machine, cycles, name):
+def test_reply_is_the_update_of_the_core_bit_for_bit(graph, machine, cycles, name):
+    """The convergence verdict of the law is logged before."""
     graph.start(LearningNode)
     law = make_law(name, machine, load_control(machine))
     cycles.send(1, name)
@@ -106,7 +107,8 @@ def test_answer_is_the_law_of_the_core_bit_for_bit_and_its_verdict_came_before(g
     assert np.array_equal(answer, expected(law.with_reference(cycles.trajectory), request))
 
 
-def test_reference_is_that_of_the_cycle_also_when_the_next_motion_has_come(graph, machine, cycles, short_motion):
+def test_reference_is_that_of_the_requested_cycle(graph, machine, cycles, short_motion):
+    """Also after the trajectory of the next motion."""
     graph.start(LearningNode)
     cycles.send(1, 'basis')
     cycles.send(2, 'basis', to_joints(machine, short_motion), motion='short')
@@ -117,14 +119,15 @@ def test_reference_is_that_of_the_cycle_also_when_the_next_motion_has_come(graph
     assert np.array_equal(answer, expected(law, request))
 
 
-def test_law_that_needs_a_reference_is_refused_for_a_cycle_nobody_has_announced(graph, cycles):
+def test_law_with_reference_needs_the_trajectory_of_the_cycle(graph, cycles):
+    """Without it the request is refused."""
     graph.start(LearningNode)
     response = graph.call(UpdateFeedforward, 'learning/update', cycles.request('d1', 8, 'basis'))
     assert not response.success
     assert 'learning d1: the basis law has no reference' in response.message
 
 
-def test_loop_with_other_gains_is_learned_with_the_law_for_these(graph, machine, cycles):
+def test_changed_gains_select_the_law_for_these_gains(graph, machine, cycles):
     graph.start(LearningNode)
     configured = load_control(machine)['d3']
     softer = configured.model_copy(update={'kp': 0.9 * configured.kp})
@@ -146,7 +149,7 @@ def test_gains_without_their_flag_are_ignored(graph, machine, cycles):
     assert np.array_equal(answer, expected(law, request))
 
 
-def test_law_that_would_diverge_with_changed_gains_is_refused(graph, machine, cycles):
+def test_divergent_law_for_changed_gains_is_refused(graph, machine, cycles):
     graph.start(LearningNode)
     weak = load_control(machine)['d3'].model_copy(update={'kp': 2000.0, 'kd': 12.0, 'ki': 40000.0})
     cycles.send(1, 'fourier_pid')
@@ -157,7 +160,7 @@ def test_law_that_would_diverge_with_changed_gains_is_refused(graph, machine, cy
     assert "learning law 'fourier_pid' would diverge" in response.message
 
 
-def test_best_of_what_was_learned_is_saved_with_what_it_belongs_to(graph, machine, cycles, tmp_path):
+def test_best_feedforward_is_saved_with_its_identity(graph, machine, cycles, tmp_path):
     graph.start(LearningNode)
     cycles.send(1, 'basis')
     cycles.verdict()
@@ -180,9 +183,8 @@ def test_best_of_what_was_learned_is_saved_with_what_it_belongs_to(graph, machin
 
 
 @pytest.mark.parametrize('late', [True, False])
-def test_saving_waits_until_the_joints_have_asked_about_the_last_cycle_but_not_for_ever(
-    graph, machine, cycles, tmp_path, monkeypatch, late
-):
+def test_saving_waits_for_the_requests_of_the_last_cycle(graph, machine, cycles, tmp_path, monkeypatch, late):
+    """The wait is bounded."""
     monkeypatch.setattr(learning, 'PATIENCE', 30.0 if late else 0.3)
     graph.start(LearningNode)
     events = graph.publisher(CycleEvent, 'cycle_events')
@@ -209,7 +211,8 @@ def test_saving_waits_until_the_joints_have_asked_about_the_last_cycle_but_not_f
     assert np.array_equal(read(path).feedforward, np.stack(second if late else first, axis=1))
 
 
-def test_saving_is_refused_before_all_joints_have_learned_and_where_nothing_can_be_written(graph, cycles):
+def test_saving_is_refused_without_feedforward_of_all_joints(graph, cycles):
+    """Also into a folder that is not writable."""
     graph.start(LearningNode)
 
     def refusal(path='/tmp/never.npz'):
@@ -269,7 +272,7 @@ def spoiled(values, index, value):
         ({'sample_time': math.nan}, 'learning d5: sample time is nan s; expected 0.0005 s'),
     ],
 )
-def test_request_that_cannot_be_learned_from_is_refused_and_the_next_one_is_answered(graph, request_of, changed, text):
+def test_invalid_request_is_refused_and_the_next_one_served(graph, request_of, changed, text):
     graph.start(LearningNode)
     response = graph.call(UpdateFeedforward, 'learning/update', request_of(**changed))
     assert not response.success
@@ -286,6 +289,6 @@ def test_request_that_cannot_be_learned_from_is_refused_and_the_next_one_is_answ
         ({'law': 'fourier'}, r"/pkm/learning has unknown parameter\(s\) \['law'\]; known: .*'control'"),
     ],
 )
-def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
     with pytest.raises(ConfigError, match=text):
         graph.start(LearningNode, **parameters)

@@ -301,7 +301,7 @@ def test_cycle_of_a_dead_machine_gets_no_later_messages(graph, cell, tmp_path):
     assert counts_by_mcap(bag_of(graph, 2)) == expected_counts()
 
 
-def test_cycle_that_is_refused_leaves_no_bag(graph, cell, tmp_path):
+def test_refused_cycle_leaves_no_bag(graph, cell, tmp_path):
     graph.start(RecorderNode, folder=str(tmp_path))
     cell.load(1)
     cell.tell(CycleEvent.REFUSED, 1, source='machine', message='lengths differ')
@@ -311,7 +311,7 @@ def test_cycle_that_is_refused_leaves_no_bag(graph, cell, tmp_path):
     assert counts_by_mcap(bag) == expected_counts()
 
 
-def test_trajectory_that_is_sent_again_is_recorded_once(graph, cell, tmp_path):
+def test_resent_trajectory_is_recorded_once(graph, cell, tmp_path):
     graph.start(RecorderNode, folder=str(tmp_path))
     cell.load(1)
     cell.load(1)
@@ -405,7 +405,7 @@ def test_services_stop_start_split_and_snapshot(graph, cell, tmp_path):
     assert read_cycle(bag).is_whole
 
 
-def test_bag_says_who_ran_with_which_parameters(graph, cell, tmp_path):
+def test_bag_lists_nodes_and_parameters(graph, cell, tmp_path):
     graph.start(LearningNode, machine='planar')
     graph.start(RecorderNode, folder=str(tmp_path / 'bags'))
     progress = graph.listen(UInt64, 'recorder/tick')
@@ -421,7 +421,7 @@ def test_bag_says_who_ran_with_which_parameters(graph, cell, tmp_path):
     assert data['config_hash'] == config_hash([loop], '', 'none'), 'no file of a motion "short"'
 
 
-def test_recorder_is_ready_only_when_somebody_leads_the_joints(graph, cell, tmp_path):
+def test_recorder_is_ready_only_with_a_trajectory_source(graph, cell, tmp_path):
     """Trajectories of identification come from the trajectory_generator, of a motion from another node."""
     cell.stop_leading(graph)
     graph.start(TrajectoryGeneratorNode)
@@ -483,6 +483,6 @@ def test_unwritable_folder_is_refused(graph, tmp_path):
         ({'fodler': 'here'}, r"/pkm/recorder has unknown parameter\(s\) \['fodler'\]; known: .*'folder'"),
     ],
 )
-def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text, tmp_path):
+def test_invalid_parameter_is_refused_by_name(graph, parameters, text, tmp_path):
     with pytest.raises(ConfigError, match=text):
         graph.start(RecorderNode, **{'folder': str(tmp_path)} | parameters)

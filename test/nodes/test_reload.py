@@ -1,4 +1,4 @@
-"""The services reload: a running controller takes up what the configuration has now, or says why not."""
+"""The services reload: a running node applies the present configuration, or refuses it with the reason."""
 
 import re
 import shutil
@@ -41,7 +41,7 @@ def scale(file, key, factor):
     file.write_text(changed)
 
 
-def test_controller_takes_up_model_and_gains_of_now(graph, configured, config, joint_trajectory):
+def test_reload_applies_the_present_model_and_gains(graph, configured, config, joint_trajectory):
     node = graph.start(JointControllerNode, joint='d3')
     scale(config / 'model' / 'four_dof.yaml', 'gain', 0.9)
     scale(config / 'control' / 'four_dof.yaml', 'kp', 1.02)
@@ -65,7 +65,7 @@ def test_controller_takes_up_model_and_gains_of_now(graph, configured, config, j
         assert commands.pop().voltage == law.update(index, reference - 1e-6)[0]
 
 
-def test_gains_without_margin_are_refused_and_the_old_ones_stay(graph, config):
+def test_reload_of_gains_without_margin_keeps_the_old_gains(graph, config):
     node = graph.start(JointControllerNode, joint='d3')
     before = node.get_parameter('kp').value
     scale(config / 'model' / 'four_dof.yaml', 'gain', 1.5)
@@ -81,7 +81,7 @@ def test_gains_without_margin_are_refused_and_the_old_ones_stay(graph, config):
     ('node_type', 'service'),
     [(LearningNode, 'learning/reload'), (TrajectoryGeneratorNode, 'trajectory_generator/reload')],
 )
-def test_broken_configuration_is_refused_by_who_needs_it(graph, config, node_type, service):
+def test_reload_of_an_invalid_configuration_is_refused(graph, config, node_type, service):
     graph.start(node_type)
     assert graph.call(Trigger, service).success
     (config / 'control' / 'four_dof.yaml').write_text('joints: {}\n')

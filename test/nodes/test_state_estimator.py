@@ -18,7 +18,7 @@ from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 
 
 class Encoders:
-    """The test in the place of the motors."""
+    """Replacement of the motors."""
 
     def __init__(self, graph, machine):
         self._publishers = [graph.publisher(EncoderSample, f'{joint}/encoder') for joint in machine.joints]
@@ -91,7 +91,7 @@ def test_samples_of_a_restarted_machine_are_kept_apart(graph, encoders, poses, m
     for joint in (1, 2, 3):
         encoders.send_one(joint, 2 * STATES_EVERY, machine.home[joint])
     graph.spin_in_silence()
-    assert len(poses) == 4, 'the first joint has not told its place'
+    assert len(poses) == 4, 'the sample of the first joint is missing'
 
 
 def test_joint_states_have_all_joints_with_mean_speeds(graph, encoders, joint_states, machine):
@@ -127,7 +127,7 @@ def test_twist_is_the_mean_speed_of_the_platform(graph, encoders, machine):
     assert speeds == pytest.approx(middle, rel=1e-3)
 
 
-def test_markers_show_every_box_of_the_machine_where_it_stands(graph, encoders, machine):
+def test_markers_show_every_box_at_its_position(graph, encoders, machine):
     arrays = graph.listen(MarkerArray, 'markers')
     q = machine.home + np.array([1e-3, 2e-3, -3e-3, 4e-3])
     encoders.send(0, q)
@@ -149,7 +149,7 @@ def test_markers_show_every_box_of_the_machine_where_it_stands(graph, encoders, 
         assert (stands.w, stands.x, stands.y, stands.z) == turn
 
 
-def test_twist_and_markers_are_silent_while_nobody_listens(graph, poses, machine, monkeypatch):
+def test_twist_and_markers_need_a_subscriber(graph, poses, machine, monkeypatch):
     estimator = graph.start(StateEstimatorNode)
     encoders = Encoders(graph, machine)
     for publisher in ('_twist_publisher', '_markers_publisher'):
@@ -199,6 +199,6 @@ def test_planar_machine_has_x_and_y_and_stands_upright(graph, poses):
         ({'pose_every': 20}, r"/pkm/state_estimator has unknown parameter\(s\) \['pose_every'\]; known: .*'machine'"),
     ],
 )
-def test_parameter_that_cannot_be_is_refused_by_name(graph, parameters, text):
+def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
     with pytest.raises(ConfigError, match=text):
         graph.start(StateEstimatorNode, **parameters)

@@ -45,7 +45,7 @@ NODES = {
     'ros2': 'runtime messages',
     'verbs': 'graph runtime messages parts page nodes clients bench ros2',
 }
-# the truth of the simulated machine: who may read it
+# rooms that may read the truth of the simulated machine
 TRUTH = 'pkm_core.plant.truth'
 MAY_READ_TRUTH = {'pkm_core.plant', 'pkm_core.simulation'}
 LISTS_ITS_KEYS = {'pkm_core.verbs.config_page'}  # for docs/parameters.md; reads no file

@@ -1,4 +1,4 @@
-"""Each test of this level starts real processes in a ROS domain of its own and ends them by their ids."""
+"""Each test of this level starts real processes in its own ROS domain and ends them by their ids."""
 
 import os
 import signal
@@ -15,7 +15,7 @@ __all__ = ['module_processes', 'processes', 'ros2', 'ros2_environment']
 
 @pytest.fixture(scope='module')
 def ros2_environment():
-    """A graph of its own on this machine, and a PATH without a real ros2."""
+    """A separate graph on this computer, and a PATH without a real ros2."""
     return os.environ | {
         'ROS_DOMAIN_ID': '73',
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
@@ -27,7 +27,7 @@ def ros2_environment():
 
 @pytest.fixture
 def ros2(ros2_environment):
-    """Run the tool to its end, or press Ctrl-C once it has printed a text."""
+    """Run the tool to its end, or interrupt it after it has printed the text `until`."""
 
     def run(*args, until='', code=0):
         process = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""A recorder killed in the middle of a cycle, and what `pkm bag-doctor` makes of the bag it leaves."""
+"""A recorder killed in the middle of a cycle, and the repair of its bag by `pkm bag-doctor`."""
 
 import json
 import os
@@ -37,7 +37,7 @@ class Killed(NamedTuple):
 
     bag: Path
     said: str  # by the client
-    confirmed: int  # last tick that the recorder has told the machine it had taken
+    confirmed: int  # last tick reported by the recorder to the machine
 
 
 @pytest.fixture(scope='module')
@@ -65,7 +65,7 @@ def killed(tmp_path_factory):
             client.wait_until_up(cell.check)
             with pytest.raises(PkmError) as refusal:
                 client.execute('four_dof_70ms', 1, 'none', kill_in_the_middle, lambda _: None)
-            for _ in range(10):  # what the subscription holds, and some turns that find it empty
+            for _ in range(10):  # the content of the subscription, and some turns without messages
                 rclpy.spin_once(node, timeout_sec=0.0)
             node.destroy_node()
     [bag] = (folder / 'bags').iterdir()
@@ -74,21 +74,23 @@ def killed(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def repaired(killed, module_processes):
-    """Return (record of the repaired bag, figures of the verb, what it printed)."""
+    """Return (record of the repaired bag, figures of the verb, its output)."""
     done = module_processes.run(PKM, 'bag-doctor', killed.bag, '--json', 'doctor.json')
     assert done.returncode == 0, done.stderr
     figures = json.loads((module_processes.folder / 'doctor.json').read_text())
     return read_cycle(figures['path']), figures, done.stdout
 
 
-def test_killed_recorder_leaves_a_bag_without_metadata_and_the_cell_says_so(killed):
+def test_killed_recorder_leaves_a_bag_without_metadata(killed):
+    """The client reports the exit code of the recorder."""
     assert 'recorder has ended with code -9' in killed.said
     assert [path.suffix for path in killed.bag.iterdir()] == ['.mcap']
     with pytest.raises(PkmError, match='pkm bag-doctor'):
         read_cycle(killed.bag)
 
 
-def test_repaired_bag_holds_the_beginning_of_the_cycle_bit_for_bit(repaired):
+def test_repaired_bag_holds_the_start_of_the_cycle(repaired):
+    """Bit for bit, up to the last intact chunk."""
     record, _, _ = repaired
     machine = load_machine('four_dof')
     trajectory = to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
@@ -100,15 +102,17 @@ def test_repaired_bag_holds_the_beginning_of_the_cycle_bit_for_bit(repaired):
     assert np.array_equal(record.voltage, simulated.voltage[0, :saved])
 
 
-def test_less_than_a_chunk_of_what_the_recorder_had_taken_is_lost(killed, repaired):
+def test_repair_loses_less_than_one_chunk(killed, repaired):
     record, _, _ = repaired
     of_the_tick = [data for topic, _, data, _ in raw_messages(record.path) if topic.endswith(('/encoder', '/command'))]
-    bytes_of_a_tick = sum(len(data) + 31 for data in of_the_tick) / len(record.ticks)  # 31: what MCAP adds to a message
+    bytes_of_a_tick = sum(len(data) + 31 for data in of_the_tick) / len(
+        record.ticks
+    )  # 31: overhead of a message in MCAP
     # a chunk ends with the message that fills it
     assert (killed.confirmed - record.ticks[-1]) * bytes_of_a_tick < CHUNK_BYTES + bytes_of_a_tick
 
 
-def test_doctor_says_what_is_saved_and_which_ticks_are_missing(killed, repaired):
+def test_doctor_reports_saved_messages_and_missing_ticks(killed, repaired):
     record, figures, printed = repaired
     assert record.path == killed.bag.with_name(f'{killed.bag.name}_repaired')
     for topic, ranges in figures['missing'].items():
@@ -120,7 +124,7 @@ def test_doctor_says_what_is_saved_and_which_ticks_are_missing(killed, repaired)
     assert f'{sum(figures["saved"].values())} messages are in {record.path}' in printed
 
 
-def test_second_repair_and_repair_of_a_whole_bag_change_nothing(killed, repaired, processes):
+def test_second_repair_and_repair_of_intact_bag_do_nothing(killed, repaired, processes):
     again = processes.run(PKM, 'bag-doctor', killed.bag)
     assert again.returncode == 1
     assert again.stderr == f'pkm: {repaired[0].path}: exists and is not overwritten\n'
@@ -130,7 +134,7 @@ def test_second_repair_and_repair_of_a_whole_bag_change_nothing(killed, repaired
 
 
 @pytest.mark.parametrize('content', ['nothing', 'text'])
-def test_what_is_no_bag_is_refused_in_one_line(processes, content):
+def test_path_without_a_bag_is_refused_in_one_line(processes, content):
     folder = processes.folder / 'bag'
     folder.mkdir()
     if content == 'text':

@@ -1,4 +1,4 @@
-"""`pkm bag-play`: a recorded cycle into the graph again, and what the nodes that listen make of it."""
+"""`pkm bag-play`: a recorded cycle played into the graph, and the output of the subscribed nodes."""
 
 import os
 import re
@@ -43,7 +43,7 @@ def bag(module_processes):
 
 
 class Ear:
-    """Listens in the test's domain, to raw messages where bytes count."""
+    """Subscriber in the test's domain; raw messages for comparisons of bytes."""
 
     def __init__(self):
         self._context = rclpy.Context()
@@ -55,7 +55,7 @@ class Ear:
         self._thread.start()
 
     def listen(self, message_type, topic, qos=TICK_QOS, raw=False):
-        """Return a list that grows by every message on `topic`."""
+        """Return a list to which every message on `topic` is appended."""
         messages = []
         self._node.create_subscription(message_type, topic, messages.append, qos, raw=raw)
         return messages
@@ -88,7 +88,8 @@ def recorded(bag, topic):
     return [data for _, _, data, _ in raw_messages(bag, [topic])]
 
 
-def test_state_estimator_gives_the_recorded_poses_again_bit_for_bit(bag, processes, ear):
+def test_state_estimator_reproduces_the_recorded_poses(bag, processes, ear):
+    """Bit for bit."""
     poses = ear.listen(PoseStamped, '/pkm/pose', raw=True)
     joint_states = ear.listen(JointState, '/pkm/joint_states', raw=True)
     processes.start(NODES / 'state_estimator')
@@ -103,7 +104,7 @@ def test_state_estimator_gives_the_recorded_poses_again_bit_for_bit(bag, process
     assert joint_states == recorded(bag, '/pkm/joint_states')
 
 
-def test_every_message_comes_at_the_pace_asked_for_with_the_clock(bag, processes, ear):
+def test_messages_are_played_at_the_requested_rate_with_clock(bag, processes, ear):
     samples = ear.listen(EncoderSample, '/pkm/d3/encoder', raw=True)
     poses = ear.listen(PoseStamped, '/pkm/pose', raw=True)
     clocks = ear.listen(Clock, '/clock', qos_profile_sensor_data)
@@ -113,14 +114,14 @@ def test_every_message_comes_at_the_pace_asked_for_with_the_clock(bag, processes
     assert seconds >= simulated / 0.2
     ear.wait_for(lambda: len(samples) >= len(recorded(bag, '/pkm/d3/encoder')), 'the last sample')
     assert samples == recorded(bag, '/pkm/d3/encoder')
-    assert poses == recorded(bag, '/pkm/pose'), 'nobody else has made them'
+    assert poses == recorded(bag, '/pkm/pose'), 'from the state estimator alone'
     times = [clock.clock.sec * 1_000_000_000 + clock.clock.nanosec for clock in clocks]
     assert times == sorted(times)
     assert set(times) <= set(range(0, 400_000_000, 10_000_000)), 'every 20th tick, as the machine sends it'
     assert times[-1] == max(time for *_, time in raw_messages(bag)) // 10_000_000 * 10_000_000
 
 
-def test_loop_begins_again_until_interrupted(bag, processes, ear):
+def test_loop_repeats_until_interrupted(bag, processes, ear):
     samples = ear.listen(EncoderSample, '/pkm/d1/encoder')
     player = processes.start(PKM, 'bag-play', bag, '--rate', 2.0, '--loop')
     ear.wait_for(lambda: sum(sample.index == 0 for sample in samples) >= 3, 'the third round')
@@ -146,7 +147,7 @@ def test_bag_is_not_played_into_a_running_cell(bag, processes, ear):
         (['text.mcap'], 'cannot be read as a bag'),
     ],
 )
-def test_what_is_no_bag_is_refused_in_one_line(processes, options, complaint):
+def test_path_without_a_bag_is_refused_in_one_line(processes, options, complaint):
     (processes.folder / 'empty').mkdir()
     (processes.folder / 'text.mcap').write_text('x' * 100)
     done = processes.run(PKM, 'bag-play', *options)
@@ -155,7 +156,7 @@ def test_what_is_no_bag_is_refused_in_one_line(processes, options, complaint):
     assert done.stderr.count('\n') == 1
 
 
-def test_rate_that_is_no_pace_is_refused(processes):
+def test_invalid_rate_is_refused(processes):
     done = processes.run(PKM, 'bag-play', os.curdir, '--rate', 0)
     assert done.returncode == 2
     assert '--rate' in done.stderr

@@ -1,4 +1,4 @@
-"""`pkm bench`: a turn of the subjects that start quickly; what the figures are is not judged here."""
+"""`pkm bench`: one turn of the subjects that start quickly; the values are not checked."""
 
 import json
 import sys
@@ -12,7 +12,7 @@ PKM = Path(sys.prefix) / 'bin' / 'pkm'
 
 @pytest.fixture(scope='module')
 def bench(tmp_path_factory, module_processes):
-    """Return what one turn printed and wrote."""
+    """Return output and figures of one turn."""
     file = tmp_path_factory.mktemp('bench') / 'new' / 'bench.json'
     only = [word for name in ('floor', 'composed', 'simulation') for word in ('--only', name)]
     done = module_processes.run(
@@ -22,7 +22,7 @@ def bench(tmp_path_factory, module_processes):
     return done.stdout, json.loads(file.read_text())
 
 
-def test_floor_composed_cell_and_simulation_are_measured_in_one_run(bench):
+def test_one_run_measures_floor_cell_and_simulation(bench):
     _, figures = bench
     assert list(figures['subjects']) == ['floor', 'composed', 'simulation']
     for subject in figures['subjects'].values():
@@ -31,14 +31,14 @@ def test_floor_composed_cell_and_simulation_are_measured_in_one_run(bench):
     assert 0 < figures['subjects']['composed']['delivery_ms'][0][0] < 30_000
 
 
-def test_ratio_follows_from_the_turns(bench):
+def test_ratio_is_computed_from_the_turns(bench):
     _, figures = bench
     composed, floor = (figures['subjects'][name]['ticks_per_second'][0] for name in ('composed', 'floor'))
     assert figures['ratios']['composed / floor']['ticks_per_second'] == pytest.approx(composed / floor)
     assert 'processes / naive' not in figures['ratios']
 
 
-def test_every_target_is_in_the_account_and_says_whether_it_was_measured(bench):
+def test_every_target_is_reported_as_measured_or_not(bench):
     printed, figures = bench
     measured = {target['name']: target for target in figures['targets']}
     assert measured['composed cell / bare floor']['met'] in (True, False)

@@ -1,4 +1,4 @@
-"""`pkm commission`: an unknown machine taken to a learned motion on the real graph, or given back as it was."""
+"""`pkm commission` on the real graph: from an unknown machine to a learned motion, or back to its old gains."""
 
 import json
 import sys
@@ -19,7 +19,7 @@ PKM = Path(sys.prefix) / 'bin' / 'pkm'
 
 @pytest.fixture(scope='module')
 def tuning(tmp_path_factory):
-    """Return a file that asks for what config/tuning/robust.yaml asks, of a search that ends in seconds."""
+    """Return a file with the targets of config/tuning/robust.yaml for a search of a few seconds."""
     text = (Configuration.of_environment().folder / 'tuning' / 'robust.yaml').read_text()
     for whole, part in (
         *(('population: 100', 'population: 40'), ('generations: 160', 'generations: 20')),
@@ -39,7 +39,8 @@ def commission(processes, tuning, *options):
 
 
 @pytest.mark.timeout(900)  # it starts a cell twice and ten processes in all
-def test_unknown_machine_is_taken_to_a_learned_motion_in_the_graph(processes, tuning, monkeypatch):
+def test_unknown_machine_is_commissioned_on_the_graph(processes, tuning, monkeypatch):
+    """On the real graph, from the gains as found to the learned motion."""
     done, out = commission(processes, tuning, '--cycles', 5)
     assert done.returncode == 0, done.stdout + done.stderr
     results = json.loads((out / 'results.json').read_text())
@@ -49,7 +50,7 @@ def test_unknown_machine_is_taken_to_a_learned_motion_in_the_graph(processes, tu
     assert max(errors['learned'][-1].values()) < 0.3 * tuned < tuned < found
     assert 'recommended' in done.stdout
     assert 'as found' in done.stdout
-    assert '<svg' not in (out / 'report.html').read_text()  # figures are images of their own
+    assert '<svg' not in (out / 'report.html').read_text()  # figures are separate images
     # one cell from beginning to end: the motion as found, every experiment, the acceptance move, what was learned
     assert len(list((out / 'as_found' / 'bags').iterdir())) == 1 + 2 * 4 + 1 + 5
     assert not (out / 'tuned').exists()
@@ -64,7 +65,8 @@ def test_unknown_machine_is_taken_to_a_learned_motion_in_the_graph(processes, tu
         assert error == pytest.approx(errors['tuned'][0][joint], rel=0.5, abs=5)  # far from that of the gains as found
 
 
-def test_failed_acceptance_gives_the_old_gains_back_and_says_why(processes, tuning):
+def test_failed_acceptance_restores_the_old_gains(processes, tuning):
+    """The report has the reason."""
     done, out = commission(processes, tuning, '--accept', 1, '--arrangement', 'simulation')
     assert done.returncode == 1, done.stdout + done.stderr
     results = json.loads((out / 'results.json').read_text())
@@ -91,7 +93,7 @@ def test_failed_acceptance_gives_the_old_gains_back_and_says_why(processes, tuni
         (('--environment', 'storm'), "environment 'storm' is unknown"),
     ],
 )
-def test_what_cannot_be_done_is_refused_before_anything_moves(processes, tuning, options, reason):
+def test_infeasible_commissioning_is_refused_before_any_motion(processes, tuning, options, reason):
     done, out = commission(processes, tuning, *options, '--arrangement', 'simulation')
     assert done.returncode == 1
     assert reason in done.stderr

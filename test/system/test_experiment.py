@@ -1,4 +1,4 @@
-"""Experiments on the real graph: every kind of condition gives the bits of the simulation, in both arrangements."""
+"""Experiments on the real graph: every kind of condition gives the bits of the simulation in both arrangements."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ PLANAR = {each.name: replace(each, settled=1) for each in conditions('planar')}
     ('arrangement', 'names'),
     [('composed', ('computed torque', 'coupled', 'thesis law', 'XY stage')), ('processes', ('best law',))],
 )
-def test_run_on_the_graph_comes_to_what_it_comes_to_in_simulation(arrangement, names, tmp_path, monkeypatch):
+def test_run_on_the_graph_equals_the_simulation(arrangement, names, tmp_path, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     runs, done = [(replace(PLANAR[name], environment='hard'), 3) for name in names], []

@@ -29,7 +29,8 @@ def simulated():
 
 
 @pytest.mark.parametrize('arrangement', ['composed', 'processes'])
-def test_graph_gives_the_bits_and_the_model_of_the_simulation_without_ros(processes, simulated, arrangement):
+def test_graph_gives_records_and_model_of_the_simulation(processes, simulated, arrangement):
+    """Records bit for bit."""
     machine, out = load_machine('planar'), processes.folder / 'out'
     models, control = load_model(machine), load_control(machine)
     done = processes.run(
@@ -59,7 +60,7 @@ def test_graph_gives_the_bits_and_the_model_of_the_simulation_without_ros(proces
         (('--kind', 'all'), "kind 'all'; known"),
     ],
 )
-def test_request_that_cannot_be_met_starts_no_process(processes, options, reason):
+def test_infeasible_request_starts_no_process(processes, options, reason):
     out = processes.folder / 'out'
     done = processes.run(PKM, 'identify-cell', '--machine', 'planar', '--out', out, *options)
     assert done.returncode == 1

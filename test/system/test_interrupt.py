@@ -1,4 +1,4 @@
-"""What a Ctrl-C in the middle of a motion leaves behind."""
+"""Ctrl-C in the middle of a motion: exit code and bags."""
 
 import signal
 from time import sleep
@@ -13,8 +13,8 @@ from pkm_nodes.clients.cell_processes import CellProcesses
 DOMAIN = 111
 
 
-def test_interrupted_cell_ends_with_code_0_and_every_bag_is_readable(tmp_path, monkeypatch):
-    # a KeyboardInterrupt used to end the recorder in the midst of a callback: with luck between two bags, else without
+def test_interrupted_cell_ends_with_code_0_and_readable_bags(tmp_path, monkeypatch):
+    # a KeyboardInterrupt once ended the recorder within a callback: with luck between two bags, else without
     monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     cell = CellProcesses('four_dof', 'composed', seed=1, environment='nominal', folder=tmp_path)
@@ -24,7 +24,7 @@ def test_interrupted_cell_ends_with_code_0_and_every_bag_is_readable(tmp_path, m
 
         def interrupt_the_third_cycle(feedback):
             if feedback.cycle == 2:
-                sleep(0.1)  # in the midst of the third one
+                sleep(0.1)  # within the third cycle
                 process.send_signal(signal.SIGINT)
                 process.wait(timeout=30)
 

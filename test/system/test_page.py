@@ -1,7 +1,7 @@
 """
-`pkm page` as a person uses it: a real cell, the page beside it, clicks in headless Chromium.
+`pkm page` with a real cell, operated by clicks in headless Chromium.
 
-PKM_SCREENSHOT=docs/page.png renews the picture of the README.
+PKM_SCREENSHOT=docs/page.png updates the picture of the README.
 """
 
 import os
@@ -32,13 +32,13 @@ sync_api.expect.set_options(timeout=PATIENCE)
 
 @pytest.fixture(scope='module')
 def port():
-    """Return a port nobody listens on."""
+    """Return a free port."""
     with socket.create_server(('127.0.0.1', 0)) as probe:
         return probe.getsockname()[1]
 
 
 class Cell:
-    """The composed cell of this module, which can be started again."""
+    """The composed cell of this module, with restart."""
 
     def __init__(self, processes):
         self._processes = processes
@@ -60,13 +60,13 @@ def cell(module_processes):
 
 @pytest.fixture(scope='module')
 def requests():
-    """Return the list of what the browser has asked for."""
+    """Return the list of requests of the browser."""
     return []
 
 
 @pytest.fixture(scope='module')
 def window(module_processes, cell, port, requests, tmp_path_factory):
-    """Return the page in a browser, once it shows the standing cell."""
+    """Return the page in a browser when it shows a cell at rest."""
     module_processes.start(BIN / 'pkm', 'page', '--port', port, log='page.log')
     flags = '--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking'
     flags += ' --disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader'
@@ -87,7 +87,7 @@ def window(module_processes, cell, port, requests, tmp_path_factory):
 
 
 def _open(window, address):
-    """Open `address`, which may still be about to listen."""
+    """Open `address`; retry until the server listens."""
     for _ in range(60):
         try:
             return window.goto(address)
@@ -101,7 +101,7 @@ def status(window):
 
 
 def notice(window, text):
-    """Wait for an answer of the cell that holds `text` (a regular expression), and return all of it."""
+    """Wait for a reply of the cell that matches `text` (a regular expression), and return it."""
     found = window.locator('[data-notice]').filter(has_text=re.compile(text))
     found.wait_for()
     return found.inner_text()
@@ -137,7 +137,7 @@ def test_every_node_of_the_cell_is_up(window):
     sync_api.expect(rows.filter(has_text='recorder')).to_have_text(re.compile('recording$'))
 
 
-def test_click_runs_cycles_and_the_numbers_and_curves_change(window):
+def test_click_runs_cycles_and_updates_numbers_and_curves(window):
     run(window, 3)
     assert notice(window, ': done$') == 'four_dof_70ms, law fourier_pid: done'
     status(window).filter(has_text='standing, cycle 3').wait_for()
@@ -153,7 +153,7 @@ def test_click_runs_cycles_and_the_numbers_and_curves_change(window):
     _keep_picture(window)
 
 
-def test_law_chosen_from_the_list_is_the_one_that_runs(window):
+def test_law_selected_in_the_list_runs(window):
     laws = window.get_by_label('law', exact=True)
     laws.fill('norm_optimal')
     laws.press('ArrowDown')
@@ -175,7 +175,8 @@ def _keep_picture(window):
         window.screenshot(path=Path(__file__).parents[2] / path)
 
 
-def test_jog_visits_a_pose_and_refuses_one_out_of_reach_with_the_reason(window):
+def test_jog_visits_a_pose(window):
+    """A pose out of reach is refused with the reason."""
     x = window.locator('input.mantine-NumberInput-input').nth(1)
     type_into(window, x, '40')
     press(window, 'Visit')
@@ -196,7 +197,7 @@ def test_stop_ends_the_motion_after_its_cycle(window):
     notice(window, 'no goal is running')
 
 
-def test_reset_gives_the_machines_answer(window):
+def test_reset_shows_the_reply_of_the_machine(window):
     press(window, 'Reset after a fault')
     assert notice(window, '^reset') == 'reset: at home; there was no fault'
 

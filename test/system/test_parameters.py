@@ -1,4 +1,4 @@
-"""docs/parameters.md is what `pkm parameters` writes, and every configuration file stands on it."""
+"""docs/parameters.md is the output of `pkm parameters` and has every configuration file."""
 
 import sys
 from pathlib import Path
@@ -14,7 +14,7 @@ PAGE = Path(__file__).parents[2] / 'docs' / 'parameters.md'
 def test_page_is_current(processes):
     done = processes.run(PKM, 'parameters')
     assert done.returncode == 0, done.stderr
-    assert done.stdout == PAGE.read_text(), 'write it anew: .venv/bin/pkm parameters --out docs/parameters.md'
+    assert done.stdout == PAGE.read_text(), 'update it: .venv/bin/pkm parameters --out docs/parameters.md'
 
 
 def test_every_kind_of_file_is_documented():

@@ -1,4 +1,4 @@
-"""What a user sees of a recorder that cannot write: the disk is full, or another one has the folder."""
+"""Messages of a recorder that cannot write: the disk is full, or another recorder uses the folder."""
 
 import sys
 from pathlib import Path
@@ -14,13 +14,14 @@ ROOM = 60_000
 
 
 def with_little_room(*command):
-    """Return `command` run by a system that lets no file grow beyond `ROOM`, as a full disk does."""
+    """Return `command` with a file size limit of `ROOM`, which acts like a full disk."""
     limit = f'resource.setrlimit(resource.RLIMIT_FSIZE, ({ROOM}, {ROOM}))'
     code = f'import os, resource, sys; {limit}; os.execv(sys.argv[1], sys.argv[1:])'
     return [sys.executable, '-c', code, *command]
 
 
-def test_full_disk_ends_the_run_with_the_reason_and_keeps_what_was_written(processes):
+def test_full_disk_ends_the_run_with_the_reason(processes):
+    """The data written before is kept."""
     done = processes.run(*with_little_room(PKM, 'run', '--cycles', 50, '--law', 'none', '--out', 'run'))
     assert done.returncode == 1
     [bag] = (processes.folder / 'run' / 'bags').iterdir()

@@ -1,4 +1,4 @@
-"""bringup_scripts/ros2 against a node of its own; the expected texts are those of ros2cli 0.32 (Jazzy)."""
+"""bringup_scripts/ros2 with a node of the test; the expected texts are those of ros2cli 0.32 (Jazzy)."""
 
 import re
 import signal
@@ -57,7 +57,7 @@ feedforward: []
 
 
 class Bench(Node):
-    """Something to look at for every verb."""
+    """A node with an endpoint for every verb."""
 
     def __init__(self):
         super().__init__('bench', namespace='/pkm')
@@ -136,7 +136,7 @@ def bench(ros2_environment):
             process.wait()
 
 
-def test_message_text_has_the_look_of_ros2cli():
+def test_message_text_has_the_format_of_ros2cli():
     imu = Imu(linear_acceleration_covariance=np.arange(9) / 4)
     assert message_to_csv(imu).endswith(',0.0,0.0,0.0,0.0,0.25,0.5,0.75,1.0,1.25,1.5,1.75,2.0')
     assert message_to_yaml(imu, no_arr=True).endswith("linear_acceleration_covariance: '<array type: double[9]>'\n")
@@ -154,7 +154,7 @@ def test_message_text_has_the_look_of_ros2cli():
 
 
 @pytest.mark.slow
-def test_lists_show_what_runs(bench, ros2):
+def test_lists_show_topics_and_nodes(bench, ros2):
     topics = ros2('topic', 'list', '-t').stdout.splitlines()
     assert '/joint_trajectory [pkm_interfaces/msg/SampledTrajectory]' in topics
     assert not [topic for topic in topics if topic.startswith('/_')]
@@ -190,7 +190,8 @@ def test_echo_abbreviates_arrays_and_strings(bench, ros2):
     assert "position: '<sequence type: double, length: 200>'\n" in text
 
 
-def test_echo_fits_all_publishers_and_ends_with_its_reader(bench, ros2):
+def test_echo_ends_with_its_reader(bench, ros2):
+    """Its QoS matches all publishers."""
     text = ros2('topic', 'echo', '/mixed', '--once').stdout
     assert text == (
         'Some, but not all, publishers are offering QoSReliabilityPolicy.RELIABLE. '
@@ -206,7 +207,7 @@ def test_echo_ends_quietly_on_ctrl_c_and_timeout(bench, ros2):
     assert ros2('topic', 'echo', '/silent', 'std_msgs/msg/String', '--spin-time', 0, '--timeout', 0.5).stdout == ''
 
 
-def test_hz_prints_the_rate_with_percentiles_and_says_where_it_is_measured(bench, ros2):
+def test_hz_prints_rate_percentiles_and_place_of_measurement(bench, ros2):
     result = ros2('topic', 'hz', '/chatter', '--window', 10, until='window: 10\n', code=signal.SIGINT)
     reports = re.findall(
         r'average rate: ([\d.]+)\n\tmin: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: (\d+)\n'
@@ -234,7 +235,7 @@ def test_delay_prints_the_age_of_messages_with_percentiles(bench, ros2):
     assert 'msg does not have header' in refused.stderr
 
 
-def test_echo_tells_the_intervals_when_it_ends(bench, ros2):
+def test_echo_prints_the_intervals_at_its_end(bench, ros2):
     result = ros2('topic', 'echo', '/chatter', until='hello\n---\ndata: hello\n---\n', code=signal.SIGINT)
     assert re.search(r'intervals of the messages: 50 %: \d+us 95 %: \d+us 99 %: \d+us \(measured where', result.stderr)
 
@@ -246,7 +247,7 @@ def test_rate_is_that_of_the_window():
         'average rate: 1.500\n\tmin: 0.500s max: 1.000s std dev: 0.23570s window: 3\n'
         '\t50 %: 500000us 95 %: 950000us 99 %: 990000us'
     ]
-    assert intervals.count(500) is None  # time was reset: starts anew
+    assert intervals.count(500) is None  # time was reset: the count restarts
     assert intervals.count(1000) is None
 
 
@@ -278,7 +279,7 @@ def test_goal_is_followed_to_its_end(bench, ros2):
     ('goal', 'end'),
     [('{cycles: 1, motion: bad}', 'Goal finished with status: ABORTED\n'), ('{cycles: 0}', 'Goal was rejected.\n')],
 )
-def test_goal_that_fails_says_so(bench, ros2, goal, end):
+def test_failed_goal_is_reported(bench, ros2, goal, end):
     assert ros2('action', 'send_goal', '/execute_motion', MOTION, goal).stdout.endswith(end)
 
 
@@ -333,14 +334,14 @@ def test_parameters_are_listed_read_and_set(bench, ros2):
         ('bag info /nope', 2, "Bag path '/nope' does not exist!"),
     ],
 )
-def test_bad_input_is_one_clear_line(bench, ros2, arguments, code, error):
+def test_invalid_input_gives_one_line_of_error(bench, ros2, arguments, code, error):
     err = ros2(*arguments.split(' '), code=code).stderr
     assert error in err
     assert code == 2 or err.count('\n') == 1
 
 
 @pytest.mark.parametrize('value', ['-1', '4294967296', 'abc'])
-def test_value_that_does_not_fit_is_refused(bench, ros2, value):
+def test_value_of_the_wrong_type_is_refused(bench, ros2, value):
     result = ros2('action', 'send_goal', '/execute_motion', MOTION, f'{{cycles: {value}}}', code=1)
     assert result.stderr.startswith('Failed to populate message fields: ')
 

@@ -1,4 +1,4 @@
-"""`pkm run`: the main job on the real graph, composed and in separate processes."""
+"""`pkm run` on the real graph, composed and in separate processes."""
 
 import json
 import re
@@ -95,7 +95,7 @@ def test_every_law_and_control_gives_the_bits_of_the_simulation(
 
 
 def assert_bits_of_simulation(folder):
-    """Compare every tick that `pkm run` has recorded with the same cycles without ROS."""
+    """Compare every tick recorded by `pkm run` with the same cycles without ROS."""
     results = json.loads((folder / 'results.json').read_text())
     machine, name, motion = load_machine(results['machine']), results['law'], results['motion']
     trajectory = to_joints(machine, plan(machine, load_motion(motion)))
@@ -112,8 +112,8 @@ def assert_bits_of_simulation(folder):
     assert results['notices'] == list(expected.notices)
 
 
-def test_rates_and_frames_of_docs_interfaces_are_those_of_a_recorded_cycle(runs):
-    """Row by row; excitation is of identifications, the rest of what is not counted is not recorded or of wall time."""
+def test_rates_and_frames_of_the_docs_match_a_recorded_cycle(runs):
+    """docs/interfaces.md, row by row; topics of wall time, or not recorded in motions, are omitted."""
     page = (Path(__file__).parents[2] / 'docs' / 'interfaces.md').read_text(encoding='utf-8')
     rows = [line.strip('|').split('|') for line in page.splitlines() if re.match(r'\| `/(pkm|clock|diag)', line)]
     rows = [[cell.strip(' `') for cell in row] for row in rows if len(row) == 7]  # topics; services have fewer columns
@@ -140,12 +140,12 @@ def test_rates_and_frames_of_docs_interfaces_are_those_of_a_recorded_cycle(runs)
             if name in frames:
                 assert frames[name] == (frame if frame != '-' else ''), name
     assert left_out == {'/pkm/recorder/tick', '/pkm/machine/cycle', '/clock', '/diagnostics', '/pkm/cycle_events'}
-    assert counts['/pkm/cycle_events'] >= 6  # RECORDED comes when the bag is closed
+    assert counts['/pkm/cycle_events'] >= 6  # RECORDED follows the closing of the bag
     assert {name for name, frame in frames.items() if frame} == {'/pkm/pose', '/pkm/twist', '/pkm/markers'}
 
 
 def frames_of(reader):
-    """Return {topic: frame of its last message} of what has a header."""
+    """Return {topic: frame of its last message} for messages with a header."""
     frames = {}
     for connection, _, data in reader.messages():
         message = reader.deserialize(data, connection.msgtype)
@@ -155,7 +155,7 @@ def frames_of(reader):
     return frames
 
 
-def test_saved_feedforward_is_the_best_that_was_driven(runs, simulated):
+def test_saved_feedforward_is_the_best_applied(runs, simulated):
     files = [read(folder / 'learned.npz') for folder, _ in runs.values()]
     rms = np.sqrt(np.mean(np.square(simulated.error), axis=1))
     for axis, best in enumerate(rms.argmin(axis=0)):
@@ -164,7 +164,7 @@ def test_saved_feedforward_is_the_best_that_was_driven(runs, simulated):
     assert files[0].origin == files[1].origin
 
 
-def test_run_begins_with_what_another_one_has_saved(processes, runs, tmp_path):
+def test_run_starts_with_a_saved_feedforward(processes, runs, tmp_path):
     learned = runs['processes'][0] / 'learned.npz'
     done = processes.run(
         *(PKM, 'run', '--cycles', 2, '--law', 'fourier_pid', '--learned', learned, '--out', tmp_path / 'out'),
@@ -175,7 +175,7 @@ def test_run_begins_with_what_another_one_has_saved(processes, runs, tmp_path):
     assert max(axis.max_dynamic_error for axis in first.metrics()) < 20e-6
 
 
-def test_learned_feedforward_of_another_machine_is_refused_in_one_line(processes, runs):
+def test_feedforward_of_another_machine_is_refused_in_one_line(processes, runs):
     learned = runs['composed'][0] / 'learned.npz'
     done = processes.run(PKM, 'run', '--machine', 'planar', '--cycles', 1, '--learned', learned)
     assert done.returncode == 1
@@ -201,7 +201,7 @@ def test_every_tick_of_every_axis_is_recorded(runs, arrangement):
         assert count['expected'] in (None, count['recorded']), topic
 
 
-def test_results_name_what_ran_and_follow_from_the_bags(runs):
+def test_results_have_settings_and_figures_of_the_bags(runs):
     folder, _ = runs['processes']
     results = json.loads((folder / 'results.json').read_text())
     assert json.loads((folder / 'copy.json').read_text()) == results
@@ -226,7 +226,7 @@ def test_results_name_what_ran_and_follow_from_the_bags(runs):
             }
 
 
-def test_bags_tell_what_ran(runs):
+def test_bags_have_the_settings_of_the_run(runs):
     folder = runs['composed'][0]
     first, second = (read_metadata(path) for path in sorted((folder / 'bags').iterdir()))
     data = second['custom_data']
@@ -249,7 +249,7 @@ def test_learning_lowers_the_error_of_every_axis(runs):
         assert after.max_dynamic_error < 0.6 * before.max_dynamic_error
 
 
-def test_table_and_picture_are_there(runs):
+def test_run_prints_a_table_and_writes_a_figure(runs):
     folder, printed = runs['composed']
     assert 'largest dynamic error' in printed
     assert '0 lost' in printed
@@ -257,7 +257,7 @@ def test_table_and_picture_are_there(runs):
     assert (folder / 'learning.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_bags_are_read_by_rosbags_and_by_mcap_without_this_project(runs):
+def test_bags_are_read_by_rosbags_and_mcap(runs):
     folder, _ = runs['composed']
     bag = sorted((folder / 'bags').iterdir())[0]
     with AnyReader([bag], default_typestore=typestore()) as reader:
@@ -288,7 +288,7 @@ def test_bags_are_read_by_rosbags_and_by_mcap_without_this_project(runs):
         (['--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),
     ],
 )
-def test_bad_option_is_refused_in_one_line(processes, options, complaint):
+def test_invalid_option_is_refused_in_one_line(processes, options, complaint):
     done = processes.run(PKM, 'run', '--cycles', 1, *options)
     assert done.returncode == 1
     assert complaint in done.stderr

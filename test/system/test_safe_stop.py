@@ -1,4 +1,4 @@
-"""What happens to a cell of separate processes when one of them is killed in the middle of a cycle."""
+"""A cell of separate processes, one of which is killed in the middle of a cycle."""
 
 import os
 import signal
@@ -24,7 +24,8 @@ def domain(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
-def test_killed_controller_is_named_the_machine_stops_and_the_bags_stay_readable(domain, tmp_path):
+def test_killed_controller_is_named_and_the_machine_stops(domain, tmp_path):
+    """The bags are readable."""
     cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
     with cell, CellClient() as client:
         client.wait_until_up(cell.check)
@@ -55,7 +56,7 @@ def test_killed_controller_is_named_the_machine_stops_and_the_bags_stay_readable
         assert all(record.recorded[topic] >= count for topic, count in record.expected.items())
 
 
-def test_cell_goes_on_after_restart_and_reset(domain, tmp_path):
+def test_cell_continues_after_restart_and_reset(domain, tmp_path):
     cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
     with cell, CellClient() as client:
         client.wait_until_up(cell.check)
@@ -70,7 +71,8 @@ def test_cell_goes_on_after_restart_and_reset(domain, tmp_path):
     assert len(read_cycle(log.bags[-1]).ticks) == 680
 
 
-def test_machine_killed_in_mid_cycle_ends_the_goal_and_goes_on_when_started_again(domain, tmp_path):
+def test_machine_killed_in_a_cycle_ends_the_goal(domain, tmp_path):
+    """A restarted machine runs cycles again."""
     cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
     with cell, CellClient() as client:
         client.wait_until_up(cell.check)
@@ -85,7 +87,8 @@ def test_machine_killed_in_mid_cycle_ends_the_goal_and_goes_on_when_started_agai
 
 
 @pytest.mark.slow
-def test_generator_killed_in_mid_cycle_leaves_a_cycle_that_ends_and_numbers_go_on(domain, tmp_path):
+def test_cycle_ends_without_its_killed_generator(domain, tmp_path):
+    """Cycle numbers continue after its restart."""
     cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
     with cell, CellClient() as client:
         client.wait_until_up(cell.check)
@@ -110,7 +113,7 @@ def execute_and_kill(name, client, cell, reason):
 
 
 def execute_when_up(client, cell):
-    """Run one cycle; ask again while the process just started is not up, which on a busy machine outlasts a cycle."""
+    """Run one cycle; repeat until the restarted process is up, which may take longer than a cycle under load."""
     deadline = monotonic() + 90.0
     while True:
         try:
@@ -121,7 +124,7 @@ def execute_when_up(client, cell):
 
 
 def call(name):
-    """Call a std_srvs/Trigger service from a node of the test's own."""
+    """Call a std_srvs/Trigger service from a node of the test."""
     node = rclpy.create_node('test_safe_stop')
     future = node.create_client(Trigger, name).call_async(Trigger.Request())
     rclpy.spin_until_future_complete(node, future, timeout_sec=20.0)

@@ -1,4 +1,4 @@
-"""Two cells in one graph at the same time: each is the cell it would be alone."""
+"""Two cells in one graph at the same time: each gives the results of a single cell."""
 
 import json
 import sys
@@ -28,7 +28,7 @@ TIMEOUT = 300.0  # [s, wall] both cells take seconds; the rest is reserve
 
 @contextmanager
 def listener():
-    """Give a node of the test in the domain of the cells."""
+    """Return a node of the test in the domain of the cells."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         context = rclpy.Context()
@@ -39,7 +39,7 @@ def listener():
 
 @pytest.fixture(scope='module')
 def runs(tmp_path_factory, module_processes):
-    """Return {namespace: output folder} of two cells that ran at once, and the topics of the graph while they did."""
+    """Return {namespace: output folder} of two cells that ran at the same time, and the topics of their graph."""
     folders = {name: tmp_path_factory.mktemp('cell') / 'run' for name in CELLS}
     started = {
         name: module_processes.start(
@@ -61,7 +61,7 @@ def runs(tmp_path_factory, module_processes):
 
 
 @pytest.mark.parametrize('name', CELLS)
-def test_each_cell_has_the_bits_it_has_alone(runs, name):
+def test_each_cell_gives_the_bits_of_a_single_cell(runs, name):
     machine, _, seed = CELLS[name]
     machine = load_machine(machine)
     trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
@@ -75,7 +75,7 @@ def test_each_cell_has_the_bits_it_has_alone(runs, name):
 
 
 @pytest.mark.parametrize('name', CELLS)
-def test_bags_hold_the_topics_of_their_own_cell_and_lose_none(runs, name):
+def test_bags_hold_all_topics_of_their_own_cell_only(runs, name):
     for path in (runs[0][name] / 'bags').iterdir():
         recorded = read_cycle(path).recorded
         foreign = {topic for topic in recorded if not topic.startswith(f'/{name}/')}
@@ -86,14 +86,14 @@ def test_bags_hold_the_topics_of_their_own_cell_and_lose_none(runs, name):
     assert all(m['recorded'] >= (m['expected'] or 0) for m in results['messages'].values())
 
 
-def test_each_cell_has_a_time_of_its_own(runs):
+def test_each_cell_has_its_own_clock(runs):
     topics = runs[1]
     assert {f'/{name}/clock' for name in CELLS} <= topics
     assert '/clock' not in topics
     assert not [topic for topic in topics if topic.startswith('/pkm/')]
 
 
-def test_namespace_that_cannot_be_is_refused(module_processes):
+def test_invalid_namespace_is_refused(module_processes):
     done = module_processes.run(PKM, 'run', '--namespace', '2nd cell')
     assert done.returncode == 1
     assert done.stderr.startswith("pkm: namespace: '2nd cell' given; expected names of letters")

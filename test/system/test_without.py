@@ -1,4 +1,4 @@
-"""A cell that leaves nodes out: it says in time who is missing, and others take their place."""
+"""A cell without some nodes: it names the missing ones, and other nodes replace them."""
 
 import sys
 from pathlib import Path
@@ -26,7 +26,8 @@ LEFT_OUT = ('machine', 'joint_controller_d3', 'inverse_kinematics', 'learning')
 
 
 @pytest.mark.parametrize('arrangement', ['composed', pytest.param('processes', marks=pytest.mark.slow)])
-def test_nodes_started_by_the_commands_it_prints_complete_the_cell_to_the_same_bits(processes, tmp_path, arrangement):
+def test_nodes_started_by_hand_complete_the_cell(processes, tmp_path, arrangement):
+    """The printed commands start them; the bits are those of the whole cell."""
     words = [word for name in LEFT_OUT for word in ('--without', name)]
     options = ('--cycles', 2, '--law', 'fourier', '--seed', 5, '--arrangement', arrangement)
     run = processes.start(PKM, 'run', *options, *words, '--out', tmp_path / 'out', log='run')
@@ -50,7 +51,7 @@ def test_nodes_started_by_the_commands_it_prints_complete_the_cell_to_the_same_b
         assert np.array_equal(read_cycle(path).counts, expected.counts[number])
 
 
-def test_cell_in_which_nobody_takes_the_place_is_refused_with_who_is_missing(tmp_path, monkeypatch):
+def test_cell_with_a_missing_node_names_it(tmp_path, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     monkeypatch.setattr(module, '_PATIENCE', 0.1)
@@ -66,7 +67,7 @@ def test_cell_in_which_nobody_takes_the_place_is_refused_with_who_is_missing(tmp
     assert said[0].endswith('-p machine:=four_dof -p control:=robust -p joint:=d7')
 
 
-def test_node_that_no_cell_has_is_refused_with_those_it_has(processes):
+def test_unknown_node_is_refused_with_the_known_ones(processes):
     done = processes.run(PKM, 'run', '--without', 'linear_motor_d3')
     assert done.returncode == 1
     assert "without: no node of this cell is called ['linear_motor_d3']; known: ['machine', " in done.stderr

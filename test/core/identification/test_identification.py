@@ -145,7 +145,7 @@ def test_model_file_loads_with_the_identified_values(tmp_path):
     assert list(read_yaml(path)['joints']) == list(machine.joints)
 
 
-def test_model_file_that_cannot_be_written_is_refused(tmp_path):
+def test_unwritable_model_file_is_refused(tmp_path):
     machine, models, _ = parts('planar')
     with pytest.raises(IdentificationError, match='No such file or directory'):
         write_model(tmp_path / 'nowhere' / 'model.yaml', machine, {'d1': found()}, models, 'a test')
@@ -162,7 +162,7 @@ def test_records_without_plain_moves_are_refused():
         identify_joint(machine, 'd1', records('planar', 'd1')[1:], models, control, band=BAND)
 
 
-def test_verb_writes_model_pictures_and_figures(tmp_path):
+def test_verb_writes_model_figures_and_json(tmp_path):
     app = typer.Typer()
     app.command()(identify)
     options = ['--machine', 'planar', '--joint', 'd3', '--out', str(tmp_path), '--json', str(tmp_path / 'all.json')]

@@ -35,7 +35,7 @@ def test_bag_of_a_motion_named_like_a_path_stays_in_folder(cell, tmp_path):
 def test_bags_of_the_same_second_have_different_names(cell):
     cell.play(1, 0)
     first = cell.outcome().path
-    cell.play(1, 0)  # a generator and a machine that were both started anew
+    cell.play(1, 0)  # generator and machine were both restarted
     second = cell.outcome().path
     assert first != second
     assert read_cycle(first).is_whole

@@ -47,7 +47,7 @@ def test_optional_topics_without_publisher_are_not_expected(cell):
     say = cell.say
     cell.say = lambda topic, **fields: f'/pkm/{topic}' in silent or say(topic, **fields)
     cell.play(1, 0)
-    outcome = cell.outcome()  # there is one already: nobody waits for stragglers
+    outcome = cell.outcome()  # available at once: no wait for late messages
     assert outcome.lost == {}
     expected = json.loads(read_metadata(outcome.path)['custom_data']['expected'])
     assert not silent & expected.keys()

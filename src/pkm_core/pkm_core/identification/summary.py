@@ -37,7 +37,7 @@ def _table(title, found, gain_unit):
 
 
 def as_figures(found):
-    """Return everything of {joint: AxisIdentification} that a reader may want, as nested dicts in SI units and Hz."""
+    """Return all results of {joint: AxisIdentification} as nested dicts in SI units and Hz."""
     return {joint: _axis_figures(axis) for joint, axis in found.items()}
 
 
