@@ -11,6 +11,7 @@ from std_msgs.msg import UInt32
 
 from pkm_core.errors import PkmError
 from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.messages.diagnostics import values_of
 from pkm_nodes.nodes.machine import CLOCK_EVERY, MachineNode
 from pkm_nodes.runtime.node import LAST_VALUE_QOS
 from support.controllers import IN_TIME, JOINTS
@@ -210,3 +211,23 @@ def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
 def test_parameter_of_the_wrong_type_is_refused_by_name(graph):
     with pytest.raises(ParameterException, match=r"answer_timeout.*'5'.*INTEGER.*DOUBLE"):
         graph.start(MachineNode, answer_timeout=5)
+
+
+@pytest.mark.parametrize('data', [b'\0\1\0\0' + bytes(6), b'\0\0\0\0' + bytes(40), b'\0\1\0\0'], ids=len)
+def test_malformed_command_is_dropped_and_counted(graph, controllers, data):
+    """Too short, big-endian, empty: none of them moves the machine or ends it. DDS itself refuses longer ones."""
+    machine = graph.start(MachineNode)
+    diagnostics = graph.listen(DiagnosticArray, '/diagnostics')
+    controllers.load(1, 3)
+    controllers.wait_for(0)
+    controllers.send('d3', data)
+    graph.spin_in_silence()
+    assert len(controllers.samples['d3']) == 1, 'not advanced'
+    for tick in range(3):
+        controllers.wait_for(tick)
+        controllers.answer(tick, 0.0)
+    graph.next_event(CycleEvent.FINISHED)
+    assert sum(motor.refused_messages() for motor in machine.parts) == 1
+    graph.spin_until(
+        lambda: diagnostics and values_of(diagnostics[-1].status[0])['refused messages'] == '1', 'its count'
+    )

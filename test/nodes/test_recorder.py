@@ -165,7 +165,7 @@ class Neighbour(PkmNode):
         for joint in JOINTS:
             for kind, message_type in (('encoder', EncoderSample), ('command', MotorCommand)):
                 take = partial(self._on_message, f'/pkm/{joint}/{kind}')
-                self.on_tick_topic(message_type, f'{joint}/{kind}', take, raw=True)
+                self.on_tick_topic(message_type, f'{joint}/{kind}', take, size=44)
 
     def _on_message(self, topic, data):
         self.taken[topic] += 1

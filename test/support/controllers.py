@@ -32,6 +32,10 @@ class Controllers:
         for joint in joints:
             self._commands[joint].publish(MotorCommand(tick=tick, voltage=volts))
 
+    def send(self, joint, data):
+        """Publish these bytes as a command of `joint`."""
+        self._commands[joint].publish(data)
+
     def run(self, first, ticks, volts=0.0):
         """Answer `ticks` ticks from tick `first` on."""
         for tick in range(first, first + ticks):

@@ -49,6 +49,7 @@ class Cell:
     def tell(self, event, cycle, tick=0, samples=SAMPLES, message=''):
         number = getattr(self._types.types[EVENT], event)
         fields = {'source': 'machine', 'cycle': cycle, 'tick': tick, 'samples': samples, 'bag': '', 'message': message}
+        fields['session'] = ''
         self.say('cycle_events', event=number, **fields)
 
     def load(self, cycle, motion='short'):

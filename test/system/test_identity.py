@@ -2,16 +2,25 @@
 
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
+import rclpy
+from builtin_interfaces.msg import Time
+from rclpy.action import ActionClient
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import UInt64
 
 from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.errors import BagError, PkmError
+from pkm_interfaces.action import ExecuteMotion
+from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand, SampledTrajectory
 from pkm_nodes.clients.cell_client import CellClient
 from pkm_nodes.clients.cell_processes import CellProcesses
 from pkm_nodes.clients.own_bags import read_own
+from pkm_nodes.runtime.node import RCLError
 
 DOMAIN = 126
 PKM = Path(sys.prefix) / 'bin' / 'pkm'
@@ -85,6 +94,38 @@ def test_bag_of_another_cell_gives_no_result(cell, name, value, refusal, monkeyp
     monkeypatch.setattr(cell, name, value)
     with pytest.raises(BagError, match=f'not recorded by this cell: .*{refusal}'):
         read_own(cell.client.log.bags, cell)
+
+
+def test_rogue_messages_end_no_node_and_move_nothing(cell):
+    """Short and big-endian messages of the tick, a negative time, text that is no UTF-8, unknown events, 200 goals."""
+    context = rclpy.Context()
+    context.init(domain_id=DOMAIN)
+    rogue = rclpy.create_node('rogue', namespace='/pkm', context=context)
+    kinds = {'d1/command': MotorCommand, 'd3/encoder': EncoderSample, 'cycle_events': CycleEvent}
+    kinds |= {'/clock': ClockMessage, 'joint_trajectory': SampledTrajectory, 'recorder/tick': UInt64}
+    publishers = {topic: rogue.create_publisher(kind, topic, 100) for topic, kind in kinds.items()}
+    sleep(2.0)  # discovery
+    for publisher in publishers.values():
+        for data in (b'\0\1\0\0', b'\0\0\0\0' + bytes(40), b'\0\1\0\0' + b'\xff' * 8, b'\0\1\0\0' + bytes(6)):
+            with suppress(RCLError):  # DDS sends nothing that is larger than the type
+                publisher.publish(data)
+    publishers['/clock'].publish(ClockMessage(clock=Time(sec=-5)))
+    for event in range(256):
+        publishers['cycle_events'].publish(CycleEvent(event=event, source='d1', cycle=2**32 - 1, session='sother'))
+    goals = ActionClient(rogue, ExecuteMotion, 'execute_motion')
+    assert goals.wait_for_server(timeout_sec=20.0)
+    for _ in range(200):
+        goals.send_goal_async(ExecuteMotion.Goal(session='sother', motion='/etc/passwd', cycles=1))
+    sleep(1.0)
+    cell.check()
+    goals.destroy()
+    rogue.destroy_node()
+    context.shutdown()
+    log = cell.client.execute('four_dof_70ms', 1, 'none', cell.check, lambda feedback: None)
+    (record,) = read_own(log.bags, cell)
+    assert record.is_whole
+    (first,) = read_own(cell.client.log.bags, cell)
+    assert record.cycle == first.cycle + 1
 
 
 def test_of_two_cells_started_at_once_one_runs(processes, tmp_path):

@@ -42,12 +42,15 @@ class Layout(NamedTuple):
         The same numbers as a format of `struct`, without header and byte order.
     is_fixed : bool
         Whether these numbers are the whole message.
+    size : int
+        [bytes] from the start of the message to the end of the last of these numbers.
 
     """
 
     places: dict[str, Place]
     format: str
     is_fixed: bool
+    size: int
 
 
 @cache
@@ -75,7 +78,7 @@ def layout_of(kind):
         places[path] = Place(len(HEADER) + end + gap, f'<{_numpy_kind(letter, size)}')
         formats += f'{gap}x{letter}'
         end += gap + size
-    return Layout(places, formats, is_fixed)
+    return Layout(places, formats, is_fixed, len(HEADER) + end)
 
 
 def _append_fields(numbers, kind, prefix):

@@ -29,6 +29,8 @@ def rows(data, size=None):
     """Return `data`, one message, several of `size` bytes in a row or their (n, size) array, as such an array."""
     if isinstance(data, np.ndarray):
         return data
+    if not data:
+        return np.zeros((1, 0) if size is None else (0, size), np.uint8)
     return np.frombuffer(data, np.uint8).reshape(-1, size or len(data))
 
 

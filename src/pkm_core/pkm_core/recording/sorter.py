@@ -9,9 +9,11 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
+from rosbags.serde import SerdeError
 
 from pkm_core.bag.layout import layout_of
 from pkm_core.bag.message_types import typestore
+from pkm_core.errors import PkmError
 from pkm_core.recording.block import Block, numbers_at, rows, single
 from pkm_core.recording.topics import By
 
@@ -47,6 +49,7 @@ class Sorter:
         self._tick_ns = sample_time_ns
         self._types = typestore()
         self._places = {name: layout_of(topic.kind).places for name, topic in topics.items()}
+        self._sizes = {name: layout_of(topic.kind).size for name, topic in topics.items()}
         # prefixes of the cell, from the names of its own topics: ('/pkm/',)
         self._spaces = tuple({name.removesuffix(t.name) for name, t in topics.items() if t.name[0] != '/'})
         self._fresh = {name: [] for name, topic in topics.items() if topic.by is By.TICK}  # messages to be sorted
@@ -55,7 +58,7 @@ class Sorter:
 
     def _taker(self, name, topic):
         if topic.by is By.TICK:
-            return self._fresh[name].append
+            return self._fresh[name].append  # checked in `sort`, many at a time
         takers: dict = {  # each takes the topic and the rows of its messages
             By.CYCLE: self._take_of_cycle,
             By.STAMP: partial(self._take_stamped, topic.stamp),
@@ -64,8 +67,17 @@ class Sorter:
             By.EVENT: self._take_events,
             By.ARRIVAL: self._take_arrival,
         }
-        take = takers[topic.by]
-        return lambda data: take(name, rows(data))
+        return partial(self._take, takers[topic.by], name)
+
+    def _take(self, take, topic, data):
+        messages = rows(data)
+        try:
+            take(topic, messages)
+        except PkmError:
+            raise
+        except (ValueError, TypeError, IndexError, KeyError, OverflowError, AssertionError, SerdeError) as error:
+            # rosbags and numpy raise these for bytes that are no message of this type
+            self._warn(f'{topic}: message of {messages.shape[1]} bytes cannot be read; not recorded: {error}')
 
     def sort(self):
         """Sort the messages of the servo tick that arrived since the last call."""
@@ -73,9 +85,11 @@ class Sorter:
         for topic, fresh in self._fresh.items():
             if not fresh:
                 continue
-            anything = True
-            messages = rows(b''.join(fresh), size=rows(fresh[0]).shape[1])
+            messages = self._joined(topic, fresh)
             fresh.clear()
+            if not len(messages):
+                continue
+            anything = True
             places = self._places[topic]
             # signed, because numpy mixes uint64 and int64 to float64
             ticks = numbers_at(messages, places['tick']).view(np.int64)
@@ -88,6 +102,18 @@ class Sorter:
             for cycle in self._cycles:
                 self._cycles.keep_together(cycle)
                 self._cycles.advance(cycle)
+
+    def _joined(self, topic, fresh):
+        """Return the messages `fresh` of the servo tick as an array (n, size); messages of another size are refused."""
+        size = self._sizes[topic]
+        joined = b''.join(fresh)
+        if isinstance(fresh[0], np.ndarray) or len(joined) != size * len(fresh):
+            blocks = [rows(each) for each in fresh]
+            for block in blocks:
+                if block.shape[1] != size:
+                    self._warn(f'{topic}: message of {block.shape[1]} bytes; expected {size}; not recorded')
+            joined = b''.join(block for block in blocks if block.shape[1] == size)
+        return rows(joined, size=size)
 
     def _sort_block(self, block, number):
         """Take a block of the servo tick that belongs to cycle `number` as a whole."""

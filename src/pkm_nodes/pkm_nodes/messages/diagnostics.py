@@ -11,6 +11,7 @@ CYCLE = 'cycle'  # machine, controllers: number of the last started or loaded cy
 TICK = 'tick'  # machine: next tick; recorder: last tick of all topics
 FAULT = 'fault'  # machine: reason of the safe stop, '' without one
 NOTICE = 'notice'  # controllers: last observation of the learning monitor, '' without one
+REFUSED = 'refused messages'  # machine, controllers: malformed messages of the tick that were dropped
 FAILURE = 'failure'  # recorder: why the last cycle was not recorded, '' if it was
 
 

@@ -22,13 +22,16 @@ class TickMessage:
         Returns the serialized message of these fields, in the order of the definition.
     unpack : callable
         Returns the fields of a serialized message as a tuple.
+    size : int
+        [bytes] of a serialized message.
 
     """
 
     def __init__(self, kind):
         numbers = layout_of(kind).format
         self.pack = partial(Struct(f'<{len(HEADER)}s{numbers}').pack, HEADER)
-        self.unpack = Struct(f'<{len(HEADER)}x{numbers}').unpack
+        fields = Struct(f'<{len(HEADER)}x{numbers}')
+        self.unpack, self.size = fields.unpack, fields.size
 
 
 ENCODER_SAMPLE = TickMessage('pkm_interfaces/msg/EncoderSample')

@@ -37,7 +37,9 @@ class ComputedTorqueControllerNode(PkmNode):
         self._cycles = CycleController(self, machine, {joint: CycleEvents(self, joint) for joint in joints}, law)
         self._cycle, self._senders = self._cycles.cycle, self._cycles.senders
         for column, joint in enumerate(joints):
-            self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, column), raw=True)
+            self.on_tick_topic(
+                EncoderSample, f'{joint}/encoder', partial(self._on_sample, column), size=ENCODER_SAMPLE.size
+            )
 
     def _load(self, loaded):
         self._errors = loaded.errors

@@ -64,7 +64,7 @@ class JointControllerNode(PkmNode):
         self._cycles = CycleController(self, machine, {joint: self._events}, law)
         self._cycle, self._send_command = self._cycles.cycle, self._cycles.senders[0]
         self.offer(f'{joint}/reload', self._reload)
-        self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, raw=True)
+        self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, size=ENCODER_SAMPLE.size)
 
     def _check_gains(self, gains):
         require_margins(self.get_fully_qualified_name(), gains, self._model, self._machine.sample_time, **self._least)

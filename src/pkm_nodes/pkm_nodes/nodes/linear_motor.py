@@ -3,7 +3,7 @@
 from functools import partial
 
 from pkm_interfaces.msg import EncoderSample, MotorCommand
-from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE
+from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 from pkm_nodes.runtime.node import PkmNode
 
 
@@ -13,7 +13,9 @@ class LinearMotorNode(PkmNode):
     def __init__(self, joint, index, on_command, **kwargs):
         super().__init__(f'linear_motor_{joint}', **kwargs)
         self._publisher, self._send = self.tick_publisher(EncoderSample, f'{joint}/encoder')
-        self._command = self.on_tick_topic(MotorCommand, f'{joint}/command', partial(on_command, index), raw=True)
+        self._command = self.on_tick_topic(
+            MotorCommand, f'{joint}/command', partial(on_command, index), size=MOTOR_COMMAND.size
+        )
 
     def is_heard(self):
         """Return whether the encoder has a subscriber and all its subscribers in the graph are connected."""

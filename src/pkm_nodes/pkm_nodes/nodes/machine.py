@@ -40,7 +40,7 @@ from pkm_core.servo.tick_barrier import TickBarrier
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.messages.conversions import time_of_tick
-from pkm_nodes.messages.diagnostics import CYCLE, FAULT, STATE, TICK, diagnostics
+from pkm_nodes.messages.diagnostics import CYCLE, FAULT, REFUSED, STATE, TICK, diagnostics
 from pkm_nodes.messages.tick_messages import MOTOR_COMMAND
 from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
@@ -238,15 +238,17 @@ class MachineNode(PkmNode):
     def _publish_diagnostics(self):
         fault, tick = self._run.fault, self._barrier.tick
         stale = zip(self._joints, self._barrier.stale, strict=True)
+        refused = sum(part.refused_messages() for part in (self, *self._motors))
         message = diagnostics(
             self,
-            DiagnosticStatus.ERROR if fault else DiagnosticStatus.OK,
+            DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if refused else DiagnosticStatus.OK,
             f'fault: {fault}' if fault else 'cycle running' if self._run.is_running else 'standing',
             {
                 STATE: self._run.state.value,
                 CYCLE: self._run.cycle,
                 TICK: tick,
                 FAULT: fault,
+                REFUSED: refused,
                 **{f'stale commands {joint}': count for joint, count in stale},
             },
             time_of_tick(tick, self._sample_time),

@@ -53,7 +53,7 @@ class StateEstimatorNode(PkmNode):
         self._joint_states = {}  # templates by the names of joints and the number of velocities
         self._markers_publisher = self.create_publisher(MarkerArray, 'markers', CYCLE_QOS)
         for i, joint in enumerate(joints):
-            self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, i), raw=True)
+            self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, i), size=ENCODER_SAMPLE.size)
 
     def _on_sample(self, joint, data):
         tick, _, _, _, _, position = ENCODER_SAMPLE.unpack(data)

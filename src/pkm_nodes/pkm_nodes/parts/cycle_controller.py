@@ -18,7 +18,7 @@ from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerS
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from_msg
-from pkm_nodes.messages.diagnostics import CYCLE, NOTICE, STATE, diagnostics
+from pkm_nodes.messages.diagnostics import CYCLE, NOTICE, REFUSED, STATE, diagnostics
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.runtime.node import CYCLE_QOS
 
@@ -234,7 +234,8 @@ class CycleController:
 
     def _publish_diagnostics(self):
         notice, state = self._law.notice(), self.cycle.state
-        level = DiagnosticStatus.WARN if notice else DiagnosticStatus.OK
-        values = {STATE: state, CYCLE: self.cycle.last, NOTICE: notice}
+        refused = self._node.refused_messages()
+        level = DiagnosticStatus.WARN if notice or refused else DiagnosticStatus.OK
+        values = {STATE: state, CYCLE: self.cycle.last, NOTICE: notice, REFUSED: refused}
         stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostics(self._node, level, notice or _TEXTS[state], values, stamp))

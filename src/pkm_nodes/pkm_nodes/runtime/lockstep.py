@@ -25,9 +25,12 @@ from time import perf_counter, sleep
 from rclpy.event_handler import EventHandler
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.logging import get_logger
+from rclpy.subscription import Subscription
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
+from pkm_core.errors import PkmError
 from pkm_nodes.runtime.groups import HotGroup, PatientGroup
 from pkm_nodes.runtime.queues import Taker
 
@@ -249,6 +252,11 @@ async def _execute(entity, take):
         call = take(entity)
         if call is not None:
             await call()
+    except (ValueError, OverflowError) as error:
+        # a message may be unreadable: rclpy raises for a negative time on /clock, and for text that is no UTF-8
+        if not isinstance(entity, Subscription) or isinstance(error, PkmError):
+            raise
+        get_logger('pkm').error(f'{entity.topic_name}: message dropped: {error}')
     finally:
         entity.callback_group.ending_execution(entity)
 

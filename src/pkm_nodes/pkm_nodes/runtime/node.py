@@ -134,11 +134,19 @@ class PkmNode(Node):
 
         self.create_service(Trigger, name, answer)
 
-    def on_tick_topic(self, message_type, topic, callback, *, raw=False):
-        """Return a `TickSubscription` to `topic`, served before everything else; `raw` gives serialized messages."""
-        subscription = TickSubscription(self, message_type, topic, callback, TICK_QOS, raw=raw)
+    def on_tick_topic(self, message_type, topic, callback, *, size=None):
+        """
+        Return a `TickSubscription` to `topic`, served before everything else.
+
+        With the `size` [bytes] of a serialized message, `callback` takes serialized messages.
+        """
+        subscription = TickSubscription(self, message_type, topic, callback, TICK_QOS, size=size)
         self.tick_subscriptions.append(subscription)
         return subscription
+
+    def refused_messages(self):
+        """Return how many messages of the servo tick this node has dropped, because of their size or byte order."""
+        return sum(subscription.refused for subscription in self.tick_subscriptions)
 
     def tick_publisher(self, message_type, topic):
         """Return a publisher on a topic of the servo tick, and the function that publishes serialized messages."""

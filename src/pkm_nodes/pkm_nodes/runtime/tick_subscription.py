@@ -1,5 +1,7 @@
 """Subscriptions of the servo tick."""
 
+_LITTLE_ENDIAN = b'\x00\x01\x00\x00'  # header of plain CDR
+
 
 class TickSubscription:
     """
@@ -14,35 +16,62 @@ class TickSubscription:
     callback : callable
         ``callback(message)``.
     qos : QoSProfile
-    raw : bool
-        Whether messages are serialized, as bytes.
+    size : int or None
+        [bytes] of the serialized messages that the callback takes. A message of another size or byte order is
+        counted and dropped. None: the callback takes message objects.
 
     Attributes
     ----------
     topic_name : str
         Resolved name.
     raw : bool
+    refused : int
+        Number of messages that were dropped.
 
     """
 
-    def __init__(self, node, message_type, topic, callback, qos, *, raw):
-        self._node = node
+    def __init__(self, node, message_type, topic, callback, qos, *, size):
+        self._node, self._size, self._serve = node, size, callback
+        self.raw, self.refused = size is not None, 0
         self._subscription = node.create_subscription(
-            message_type, topic, callback, qos, callback_group=node.hot_group, raw=raw
+            message_type, topic, self._checked(callback), qos, callback_group=node.hot_group, raw=self.raw
         )
-        self.topic_name, self.raw = self._subscription.topic_name, raw
+        self.topic_name = self._subscription.topic_name
 
     def tap(self, callback):
         """Call `callback(message)` with every message from now on, before the subscription's own callback."""
-        served = self._subscription.callback
+        served = self._serve
 
         def serve_both(message):
             callback(message)
             served(message)
 
-        self._subscription.callback = serve_both
+        self._serve = serve_both
+        self._subscription.callback = self._checked(serve_both)
         if self._node.executor is not None:  # the executor looks callbacks up in advance
             self._node.executor.wake()
+
+    def _checked(self, serve):
+        """Return `serve` for messages of the expected size and byte order only."""
+        size = self._size
+        if size is None:
+            return serve
+
+        def take(data):
+            if len(data) == size and data[:4] == _LITTLE_ENDIAN:
+                serve(data)
+            else:
+                self._refuse(data)
+
+        return take
+
+    def _refuse(self, data):
+        self.refused += 1
+        if self.refused == 1:  # one line per topic; the number of them is in the diagnostics
+            self._node.get_logger().warn(
+                f'{self.topic_name}: message of {len(data)} bytes with header {bytes(data[:4]).hex()} dropped; '
+                f'expected {self._size} bytes, header {_LITTLE_ENDIAN.hex()} (little-endian CDR)'
+            )
 
     def get_publisher_count(self):
         """Return the number of connected publishers."""

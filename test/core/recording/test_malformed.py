@@ -1,0 +1,35 @@
+"""Messages that are none of their type: they are reported and not recorded, and the cycle around them is."""
+
+import numpy as np
+import pytest
+
+from support.recorded_cell import SAMPLES
+
+
+@pytest.mark.parametrize('data', [b'', b'\0\1', b'\0\1\0\0' + bytes(12), b'\0\1\0\0' + bytes(200)], ids=len)
+@pytest.mark.parametrize('topic', ['d1/encoder', 'd3/command', 'cycle_events', 'joint_trajectory', 'laser', 'pose'])
+def test_malformed_message_does_not_reach_the_bag(cell, topic, data):
+    cell.load(1)
+    cell.tell('STARTED', 1, 0)
+    for index in range(SAMPLES):
+        cell.tick(1, index, index)
+        if index == 30:
+            cell.deliver(topic, data)
+    cell.recording.sort()
+    cell.finish(1, SAMPLES)
+    outcome = cell.outcome()
+    assert (outcome.failure, outcome.lost) == ('', {})
+
+
+def test_malformed_messages_of_the_tick_are_named(cell):
+    cell.load(1)
+    cell.tell('STARTED', 1, 0)
+    cell.deliver('d1/encoder', bytes(12))
+    cell.deliver('d1/encoder', np.zeros((3, 60), np.uint8))
+    for index in range(SAMPLES):
+        cell.tick(1, index, index)
+    cell.recording.sort()
+    assert cell.warnings == [
+        '/pkm/d1/encoder: message of 12 bytes; expected 44; not recorded',
+        '/pkm/d1/encoder: message of 60 bytes; expected 44; not recorded',
+    ]
