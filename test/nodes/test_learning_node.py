@@ -124,7 +124,7 @@ def test_law_with_reference_needs_the_trajectory_of_the_cycle(graph, cycles):
     graph.start(LearningNode)
     response = graph.call(UpdateFeedforward, 'learning/update', cycles.request('d1', 8, 'basis'))
     assert not response.success
-    assert 'learning d1: the basis law has no reference' in response.message
+    assert 'learning d1: the basis law needs the reference' in response.message
 
 
 def test_changed_gains_select_the_law_for_these_gains(graph, machine, cycles):
@@ -161,7 +161,7 @@ def test_divergent_law_for_changed_gains_is_refused(graph, machine, cycles):
 
 
 def test_best_feedforward_is_saved_with_its_identity(graph, machine, cycles, tmp_path):
-    graph.start(LearningNode)
+    graph.start(LearningNode, folder=str(tmp_path))
     cycles.send(1, 'basis')
     cycles.verdict()
     driven = {}
@@ -186,7 +186,7 @@ def test_best_feedforward_is_saved_with_its_identity(graph, machine, cycles, tmp
 def test_saving_waits_for_the_requests_of_the_last_cycle(graph, machine, cycles, tmp_path, monkeypatch, late):
     """The wait is bounded."""
     monkeypatch.setattr(learning, 'PATIENCE', 30.0 if late else 0.3)
-    graph.start(LearningNode)
+    graph.start(LearningNode, folder=str(tmp_path))
     events = graph.publisher(CycleEvent, 'cycle_events')
     for cycle in (1, 2):
         cycles.send(cycle, 'fourier')
@@ -213,7 +213,7 @@ def test_saving_waits_for_the_requests_of_the_last_cycle(graph, machine, cycles,
 
 def test_saving_is_refused_without_feedforward_of_all_joints(graph, cycles):
     """Also into a folder that is not writable."""
-    graph.start(LearningNode)
+    graph.start(LearningNode, folder='/')
 
     def refusal(path='/tmp/never.npz'):
         response = graph.call(SaveLearned, 'learning/save', SaveLearned.Request(path=path))

@@ -170,10 +170,14 @@ class Configuration:
     ----------
     folder : Path
         With one folder per kind of file: machines, model, control, truth, motions, learning, tuning, design.
+    plugins : tuple of Path, optional
+        Folders from which Python files of learning laws may be loaded. None allows any folder: for a program whose user
+        names the file. Nodes, which get names by message, have a tuple.
 
     """
 
     folder: Path
+    plugins: tuple[Path, ...] | None = None
 
     @classmethod
     def of_environment(cls) -> 'Configuration':

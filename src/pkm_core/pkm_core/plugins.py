@@ -2,11 +2,12 @@
 
 import importlib.util
 import inspect
+from pathlib import Path
 
 from pkm_core.errors import ConfigError
 
 
-def load_class(named, *, base, beside, key, known):
+def load_class(named, *, base, beside, key, known, folders=None):
     """
     Return the class named ``<file>.py:<Class>``.
 
@@ -22,19 +23,28 @@ def load_class(named, *, base, beside, key, known):
         Its key, for the errors.
     known : iterable of str
         The built-in names, for the errors.
+    folders : iterable of Path, optional
+        Folders that may have the file, by default any.
 
     Raises
     ------
     ConfigError
-        If the name has another form, the file is missing or fails on import, or the class is missing, has another base
-        or is abstract.
+        If the name has another form, the file is missing, lies outside `folders` or fails on import, or the class is
+        missing, has another base or is abstract.
 
     """
     where = f'{beside}: {key}'
     file, _, name = named.partition(':') if isinstance(named, str) else ('', '', '')
     if not (file.endswith('.py') and name.isidentifier()):
         raise ConfigError(f"{where}: {named!r} given; expected one of {sorted(known)}, or e.g. 'my_file.py:MyClass'")
-    path = beside.parent / file
+    path = (beside.parent / file).resolve()
+    if path.parent != beside.parent.resolve():
+        raise ConfigError(f'{where}: {file!r} given; expected a file in {beside.parent}')
+    if folders is not None and not any(path.is_relative_to(Path(folder).resolve()) for folder in folders):
+        allowed = ', '.join(map(str, folders)) or 'none'
+        raise ConfigError(
+            f'{where}: {path} is not loaded; allowed folders: {allowed}. Start the node with the parameter plugins'
+        )
     if not path.is_file():
         raise ConfigError(f'{where}: {path}: no such file')
     spec = importlib.util.spec_from_file_location(path.stem, path)

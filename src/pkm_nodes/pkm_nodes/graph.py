@@ -93,7 +93,18 @@ def leave_out(nodes, names):
     return [spec for spec in nodes if spec.name not in names]
 
 
-def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', folder='', record=True, without=()):
+def cell_nodes(
+    machine,
+    *,
+    control='robust',
+    seed=1,
+    environment='nominal',
+    folder='',
+    record=True,
+    without=(),
+    plugins='',
+    learned='',
+):
     """
     Return the `NodeSpec`s of all processes of a cell.
 
@@ -111,10 +122,16 @@ def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', fold
         Whether there is a recorder; without one the machine does not wait for it.
     without : iterable of str
         Names of nodes to leave out.
+    plugins : str
+        Comma-separated folders whose Python files may be learning laws.
+    learned : str or Path
+        Folder in which learned feedforward may be saved, by default `learned` beside `folder`.
     """
     joints = load_machine(machine).joints
     on_machine = {'machine': str(machine)}
     on_control = {**on_machine, 'control': str(control)}
+    with_laws = {**on_control, **({'plugins': plugins} if plugins else {})}  # ROS refuses an empty value
+    learned = str(learned or Path(folder).parent / 'learned')
     nodes = [
         NodeSpec(
             'machine',
@@ -122,11 +139,11 @@ def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', fold
             {**on_machine, 'seed': seed, 'environment': environment, 'wait_for_recorder': record},
             tuple(f'{joint}/encoder' for joint in joints),
         ),
-        NodeSpec('trajectory_generator', 'trajectory_generator', on_control, ('pose_trajectory',)),
+        NodeSpec('trajectory_generator', 'trajectory_generator', with_laws, ('pose_trajectory',)),
         NodeSpec('inverse_kinematics', 'inverse_kinematics', on_machine, ('joint_trajectory',)),
         *controller_nodes(machine, control),
         NodeSpec('state_estimator', 'state_estimator', on_machine, ('pose', 'joint_states')),
-        NodeSpec('learning', 'learning', on_control, ('learning/update',)),
+        NodeSpec('learning', 'learning', {**with_laws, 'folder': learned}, ('learning/update',)),
         NodeSpec('identification', 'identification', {**on_control, 'folder': str(Path(folder).parent / 'identified')}),
     ]
     if record:
@@ -137,4 +154,5 @@ def cell_nodes(machine, *, control='robust', seed=1, environment='nominal', fold
 def composed_cell(machine, *, without=(), **options):
     """Return the `NodeSpec` of the same cell in one process."""
     left_out = {'without': ','.join(without)} if without else {}  # ROS refuses an empty value on a command line
-    return NodeSpec('cell', 'cell', {'machine': str(machine), **options, **left_out})
+    given = {name: value for name, value in options.items() if value != ''}
+    return NodeSpec('cell', 'cell', {'machine': str(machine), **given, **left_out})

@@ -1,5 +1,7 @@
 """Learned feedforward on disk: round trip, and refusal of other origins and files."""
 
+import os
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from pkm_core.control.robust import load_control
 from pkm_core.errors import LearningError
 from pkm_core.learning import store
+from pkm_core.learning.initial import first_feedforward
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import load_motion, plan
 from pkm_core.motion.trajectory import to_joints
@@ -94,3 +97,54 @@ def test_file_without_parameters_is_refused_for_parameters(tmp_path):
 def test_folder_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(LearningError, match='cannot be written: No such file'):
         store.save(tmp_path / 'none' / 'x.npz', store.Learned(ORIGIN, np.zeros((4, 2)), {}))
+
+
+def test_file_that_is_none_of_ours_is_not_overwritten(path, tmp_path):
+    learned = store.read(path)
+    mine = tmp_path / 'thesis.npz'
+    mine.write_text('three years of work')
+    (tmp_path / 'link.npz').symlink_to(mine)
+    os.mkfifo(tmp_path / 'pipe.npz')
+    for name, reason in (('thesis', 'is not a file of learned'), ('link', 'no regular file'), ('pipe', 'no regular')):
+        with pytest.raises(LearningError, match=reason):
+            store.save(tmp_path / f'{name}.npz', learned)
+    assert mine.read_text() == 'three years of work'
+    store.save(path, learned)  # one of ours
+    assert sorted(each.name for each in tmp_path.iterdir()) == ['learned.npz', 'link.npz', 'pipe.npz', 'thesis.npz']
+
+
+def test_damaged_file_is_refused_in_one_line(path):
+    """Cut anywhere, or with any byte changed, it is refused or gives what was saved."""
+    whole, draw = path.read_bytes(), np.random.default_rng(1)
+    saved = store.read(path).feedforward
+    damaged = [whole[: draw.integers(len(whole))] for _ in range(40)]
+    damaged += [
+        whole[:place] + bytes([whole[place] ^ 1 << draw.integers(8)]) + whole[place + 1 :]
+        for place in draw.integers(len(whole), size=200)
+    ]
+    refusals = []
+    for data in damaged:
+        path.write_bytes(data)
+        try:
+            np.testing.assert_array_equal(store.read(path).feedforward, saved)
+        except LearningError as refusal:
+            refusals.append(str(refusal))
+    assert len(refusals) > 100
+    assert all(len(refusal.splitlines()) == 1 for refusal in refusals)
+
+
+def test_file_that_unpacks_to_gigabytes_is_refused(path):
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive, archive.open('feedforward.npy', 'w') as file:
+        for _ in range(110):
+            file.write(bytes(1_000_000))
+    with pytest.raises(LearningError, match='unpacks to 110 MB; allowed 100 MB'):
+        store.read(path)
+
+
+@pytest.mark.parametrize('volts', [9.0, 1e300])
+def test_feedforward_beyond_the_voltage_limit_is_refused(tmp_path, volts):
+    feedforward = np.full(TRAJECTORY.position.shape, 1.0)
+    feedforward[7, 0] = -2.0 * volts
+    store.save(tmp_path / 'x.npz', store.Learned(ORIGIN, feedforward, {}))
+    with pytest.raises(LearningError, match=r'x\.npz: feedforward of .* V; allowed 10 V'):
+        first_feedforward(tmp_path / 'x.npz', MACHINE, 'planar_80ms', 'inverse', CONTROL, TRAJECTORY)

@@ -75,5 +75,5 @@ def untested_law(name, machine, gains):
     kind = parameters.pop('law', None)
     law = KINDS.get(kind) if isinstance(kind, str) else None
     if law is None:
-        law = load_class(kind, base=Law, beside=path, key='law', known=KINDS)
+        law = load_class(kind, base=Law, beside=path, key='law', known=KINDS, folders=machine.configuration.plugins)
     return law(parse_config(parameters, law.Parameters, where=str(path)), machine, gains)

@@ -43,4 +43,7 @@ def first_feedforward(path, machine, motion, law, gains, trajectory):
     feedforward = load(path, origin)
     if feedforward.shape != trajectory.position.shape:
         raise LearningError(f'{path}: feedforward has shape {feedforward.shape}; expected {trajectory.position.shape}')
+    largest = np.abs(feedforward).max(initial=0.0)
+    if largest > machine.voltage_limit:
+        raise LearningError(f'{path}: feedforward of {largest:g} V; allowed {machine.voltage_limit:g} V')
     return feedforward

@@ -6,7 +6,9 @@ One .npz file has the feedforward of a motion (N, n) [V] and, for the basis law,
 
 import hashlib
 import json
+import os
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,6 +16,8 @@ import numpy as np
 
 from pkm_core.control.model import load_model
 from pkm_core.errors import LearningError
+
+_LARGEST = 100_000_000  # bytes; the longest cycle of four joints has 1.3 MB
 
 
 @dataclass(frozen=True)
@@ -58,11 +62,29 @@ def design_hash(machine, gains):
 
 
 def save(path, learned):
-    """Write a `Learned` to the file `path` (.npz)."""
+    """
+    Write a `Learned` to the file `path` (.npz), complete or not at all.
+
+    Raises
+    ------
+    LearningError
+        If the file cannot be written, or `path` is something else than a file of learned feedforward: that is kept.
+
+    """
+    path = Path(path)
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise LearningError(f'{path}: is no regular file; nothing was written')
+    if path.exists():
+        read(path)  # refuses a file that is none of ours
     text = json.dumps({'origin': asdict(learned.origin), 'parameters': learned.parameters})
+    beside = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
-        with Path(path).open('wb') as file:
-            np.savez_compressed(file, feedforward=learned.feedforward, text=np.array(text))
+        try:
+            with beside.open('xb') as file:
+                np.savez_compressed(file, feedforward=learned.feedforward, text=np.array(text))
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
     except OSError as error:
         raise LearningError(f'{path}: cannot be written: {error.strerror}') from None
 
@@ -93,15 +115,35 @@ def load_parameters(path, origin):
 
 
 def read(path):
-    """Return the `Learned` in the file `path`, without a check of its origin."""
+    """
+    Return the `Learned` in the file `path`, without a check of its origin.
+
+    Raises
+    ------
+    LearningError
+        If it is no regular file, unpacks to more than `_LARGEST`, or is not what `save` writes.
+
+    """
+    path = Path(path)
     try:
-        with np.load(Path(path)) as data:
+        if path.exists() and not path.is_file():
+            raise LearningError(f'{path}: is no regular file')
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > _LARGEST:
+            raise LearningError(f'{path}: unpacks to {size / 1e6:.0f} MB; allowed {_LARGEST / 1e6:.0f} MB')
+        with np.load(path) as data:
             feedforward, text = data['feedforward'], json.loads(str(data['text']))
         learned = Learned(Origin(**text['origin']), feedforward, text['parameters'])
     except OSError as error:
         raise LearningError(f'{path}: cannot be read: {error.strerror or error}') from None
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise LearningError(f'{path}: is not a file of learned feedforward: {error}') from None
+    except LearningError:
+        raise
+    except (ValueError, KeyError, TypeError, IndexError, EOFError, AttributeError) as error:
+        raise LearningError(f'{path}: is not a file of learned feedforward: {str(error)[:200]}') from None
+    except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, MemoryError, OverflowError) as error:
+        # damaged, encrypted, of an unknown compression, with an array of terabytes, or nested too deeply
+        raise LearningError(f'{path}: is not a file of learned feedforward: {str(error)[:200]}') from None
     if feedforward.ndim != 2 or feedforward.dtype != np.float64 or not np.isfinite(feedforward).all():
         raise LearningError(
             f'{path}: feedforward {feedforward.shape} {feedforward.dtype} given; expected finite float64 (N, n)'

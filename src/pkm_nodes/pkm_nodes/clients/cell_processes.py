@@ -54,6 +54,8 @@ class CellProcesses:
         Whether there is a recorder.
     without : sequence of str
         Names of nodes to leave out.
+    plugins, learned : str
+        See `cell_nodes`.
     configuration : Configuration, optional
         What the nodes work with, by default that of the environment.
 
@@ -82,6 +84,8 @@ class CellProcesses:
         folder,
         record=True,
         without=(),
+        plugins='',
+        learned='',
         configuration=None,
     ):
         named = {'PKM_CONFIG': str(configuration.folder)} if configuration else {}
@@ -97,6 +101,7 @@ class CellProcesses:
             'folder': str(self.bags),
             'record': record,
         }
+        options |= {'plugins': plugins, 'learned': str(learned)}
         nodes = cell_nodes(machine, **options)
         self.nodes = leave_out(nodes, without)
         self.left_out = [spec for spec in nodes if spec not in self.nodes]

@@ -31,10 +31,10 @@ class CellBench:
 
     """
 
-    def __init__(self, name, machine, motion, arrangement, *, seed, environment, folder):
+    def __init__(self, name, machine, motion, arrangement, *, seed, environment, folder, plugins=''):
         self._name, self._motion, self._folder = name, motion, Path(folder)
         self._options = {'arrangement': arrangement, 'seed': seed, 'environment': environment}
-        self._options['configuration'] = machine.configuration
+        self._options |= {'configuration': machine.configuration, 'plugins': plugins}
         self._joints = machine.joints
         self._stack, self._is_well = ExitStack(), False
 

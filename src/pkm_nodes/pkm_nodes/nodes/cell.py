@@ -12,7 +12,7 @@ from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
-from pkm_nodes.runtime.node import PkmNode, entry_point
+from pkm_nodes.runtime.node import PLUGINS, PkmNode, entry_point
 from pkm_nodes.runtime.session import new_session
 
 NODES = {
@@ -42,6 +42,8 @@ class CellNode(PkmNode):
             folder=self.setting('folder', 'bags', "folder of the recorder's bags"),
             record=self.setting('record', True, 'run a recorder, and let the machine wait for it'),
             without=names_in(self.setting('without', '', WITHOUT)),
+            plugins=self.setting('plugins', '', PLUGINS),
+            learned=self.setting('learned', '', 'folder in which learning/save may write; by default beside folder'),
         )
         self.check_settings()
 

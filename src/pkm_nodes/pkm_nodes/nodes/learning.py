@@ -5,7 +5,9 @@ The service learning/save writes the best feedforward of the motion learned last
 """
 
 from array import array
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -49,8 +51,9 @@ class LearningNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('learning', **kwargs)
-        self._machine = machine = load_machine(self.machine_setting())
+        self._machine = machine = load_machine(self.machine_setting(), self.configuration_setting())
         self._chosen = self.control_setting()
+        self._folder = Path(self.setting('folder', 'learned', 'folder in which learning/save may write')).resolve()
         self.check_settings()
         self._control = choose_control(machine, self._chosen)
         self._law = cache(self._make_law)
@@ -144,6 +147,15 @@ class LearningNode(PkmNode):
             caught_up, self._caught_up = self._caught_up, None
             caught_up.set_result(None)
 
+    def _allowed(self, path):
+        """Return `path` if the service may write there: in the folder of this node; `LearningError` otherwise."""
+        resolved = (self._folder / path).resolve()
+        if not resolved.is_relative_to(self._folder):
+            raise LearningError(f'{path}: is not in {self._folder}; allowed: files in the folder of the learning node')
+        with suppress(OSError):  # `save` names the reason if there is no folder then
+            self._folder.mkdir(parents=True, exist_ok=True)
+        return resolved
+
     async def _on_save(self, request, response):
         if self._is_behind():
             self._caught_up = Future()
@@ -154,7 +166,7 @@ class LearningNode(PkmNode):
             if self._learned is None:
                 raise LearningError('nothing has been learned yet')
             learned = self._learned.best.learned()
-            save(request.path, learned)
+            save(self._allowed(request.path), learned)
         except PkmError as refusal:
             response.message = str(refusal)
             return response

@@ -43,7 +43,7 @@ class TrajectoryGeneratorNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('trajectory_generator', **kwargs)
-        self._machine = load_machine(self.machine_setting())
+        self._machine = load_machine(self.machine_setting(), self.configuration_setting())
         self._chosen = self.control_setting()
         self._control = choose_control(self._machine, self._chosen)
         start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')

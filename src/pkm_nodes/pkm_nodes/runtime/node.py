@@ -4,7 +4,9 @@ import gc
 import signal
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from math import inf
+from pathlib import Path
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
@@ -15,6 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from pkm_core.config import Configuration
 from pkm_core.errors import ConfigError, PkmError
 from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.groups import HotGroup
@@ -46,6 +49,9 @@ LAST_VALUE_QOS = QoSProfile(
 # descriptions of parameters that several nodes and the launch file have
 MACHINE = 'machine of config/machines, or a YAML file'
 CONTROL = "choice of the controllers: 'robust', 'computed_torque', a file of config/control, or a YAML file"
+
+
+PLUGINS = 'comma-separated folders whose Python files may be learning laws; none by default, never named by message'
 
 
 class PkmNode(Node):
@@ -90,6 +96,12 @@ class PkmNode(Node):
     def machine_setting(self):
         """Declare the parameter `machine` and return its value, a name or a file."""
         return self.setting('machine', 'four_dof', MACHINE)
+
+    def configuration_setting(self):
+        """Declare the parameter `plugins`; return the configuration, which takes code from these folders only."""
+        named = self.setting('plugins', '', PLUGINS)
+        folders = tuple(Path(folder.strip()).resolve() for folder in named.split(',') if folder.strip())
+        return replace(Configuration.of_environment(), plugins=folders)
 
     def control_setting(self):
         """Declare the parameter `control` and return its value, as `find_control` takes it."""

@@ -69,12 +69,12 @@ def commission(
     begun, console, system, config = monotonic(), Output(), load_machine(machine), load_tuning(tuning)
     motion = motion or default_motion(system)
     trajectory = to_joints(system, plan(system, load_motion(motion)))
-    law_file(law)  # refuses it before anything moves
+    plugins = str(law_file(law).resolve().parent)  # refuses it before anything moves
     out = run_folder(out, f'{system.name}_commissioned')
     options = {'seed': seed, 'environment': environment, 'folder': out}
     place = copy_config(system, out, environment, specimen or None)
     system = place.machine
-    with _bench(arrangement, machine, system, motion, trajectory, options) as bench:
+    with _bench(arrangement, machine, system, motion, trajectory, options, plugins) as bench:
         given = {'law': law, 'cycles': cycles, 'limit': 1e-6 * accept, 'seed': seed}
         story = _procedure(console, system, bench, place, config, given, out)
     facts = {
@@ -105,7 +105,7 @@ def _procedure(console, system, bench, place, config, given, out):
 
 
 @contextmanager
-def _bench(arrangement, machine, system, motion, trajectory, options):
+def _bench(arrangement, machine, system, motion, trajectory, options, plugins):
     """Yield the bench: the simulated machine, or a cell in the ROS graph."""
     from pkm_core.commissioning.simulated_bench import SimulatedBench
 
@@ -115,7 +115,7 @@ def _bench(arrangement, machine, system, motion, trajectory, options):
     discover_on_this_computer()
     from pkm_nodes.clients.commissioning_bench import CellBench
 
-    with CellBench(machine, system, str(motion), arrangement.value, **options) as bench:
+    with CellBench(machine, system, str(motion), arrangement.value, **options, plugins=plugins) as bench:
         yield bench
 
 

@@ -87,7 +87,9 @@ def run(
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     hashes = {record.facts['config_hash'] for record in records}
-    expected = config_hash([loop_hash(goal.machine, controller, machine_hash(machine))], goal.motion, goal.law)
+    expected = config_hash(
+        [loop_hash(goal.machine, controller, machine_hash(machine))], Path(goal.motion).stem, goal.law
+    )
     if hashes != {expected}:
         raise PkmError(
             f'{out}: the bags have the configuration {sorted(hashes)}, the files now {expected}; '
@@ -112,6 +114,12 @@ class _Goal:
     law: str
     learned: Path | None
     save_learned: Path | None
+
+    @property
+    def files(self):
+        """Folders that the cell may use because the user named files in them, as keywords of `CellProcesses`."""
+        law = '' if self.law == 'none' else str(law_file(self.law).resolve().parent)
+        return {'plugins': law, 'learned': self.save_learned.resolve().parent if self.save_learned else ''}
 
     @classmethod
     def checked(cls, machine, motion, cycles, law, controller, learned, save_learned):
@@ -142,7 +150,7 @@ def _drive(console, machine, arrangement, namespace, cell_options, goal, out):
 
     with (
         progress_bar(console, goal.cycles, name='starting the cell', keep=True) as bar,
-        CellProcesses(machine, arrangement, namespace=namespace, **cell_options, folder=out) as cell,
+        CellProcesses(machine, arrangement, namespace=namespace, **cell_options, **goal.files, folder=out) as cell,
         CellClient(namespace, cell.session) as client,
     ):
         check = cell.check
