@@ -43,7 +43,6 @@ class Killed(NamedTuple):
 @pytest.fixture(scope='module')
 def killed(tmp_path_factory):
     folder = tmp_path_factory.mktemp('cell')
-    cell = CellProcesses('four_dof', 'processes', seed=3, environment='nominal', folder=folder)
     confirmed = []
 
     def kill_in_the_middle():
@@ -57,6 +56,7 @@ def killed(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        cell = CellProcesses('four_dof', 'processes', seed=3, environment='nominal', folder=folder)
         with cell, CellClient() as client:
             node = rclpy.create_node('test_bag_doctor')
             node.create_subscription(

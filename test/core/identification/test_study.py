@@ -52,9 +52,9 @@ def errors(name, joint, found, environment='nominal', machine=None):
     )
 
 
-def check(name, joint, found, environment='nominal', low=2.0, outside=20.0):
+def check(name, joint, found, environment='nominal', machine=None, low=2.0, outside=20.0):
     """Check K and a to `low`, frequencies to 1, dampings to 20 (`outside` out of the swept band); all in per cent."""
-    gain, viscosity, modes = errors(name, joint, found, environment)
+    gain, viscosity, modes = errors(name, joint, found, environment, machine)
     assert abs(gain) < low
     assert abs(viscosity) < low
     assert np.abs(modes[:, [0, 2]]).max() < 1.0  # frequencies
@@ -80,7 +80,8 @@ def test_axes_of_unknown_machines_are_recovered(name):
     for number in range(5):
         with random_machine(load_machine(name), (7, number)) as machine:
             for joint in JOINTS[name]:
-                check(name, joint, identified(name, joint, number, machine=machine), outside=30.0)
+                found = identified(name, joint, number, machine=machine)
+                check(name, joint, found, machine=machine, outside=30.0)
 
 
 @pytest.mark.slow
