@@ -172,8 +172,8 @@ def drive(control, folder, motion, cycles):
 def simulate(motion, cycles):
     """Return the same cycles without ROS."""
     machine = load_machine(MACHINE)
-    trajectory, control = to_joints(machine, plan(machine, load_motion(motion))), load_control(machine)
-    return run_cycles(machine, trajectory, control, make_law(LAW, machine, control), cycles, seed=SEED)
+    trajectory, gains = to_joints(machine, plan(machine, load_motion(motion))), load_control(machine)
+    return run_cycles(machine, trajectory, gains, make_law(LAW, machine, gains), cycles, seed=SEED)
 
 
 def same_bits(records, simulated):

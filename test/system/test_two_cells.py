@@ -65,8 +65,8 @@ def test_each_cell_gives_the_bits_of_a_single_cell(runs, name):
     machine, _, seed = CELLS[name]
     machine = load_machine(machine)
     trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
-    control = load_control(machine)
-    alone = run_cycles(machine, trajectory, control, make_law('fourier_pid', machine, control), cycles=3, seed=seed)
+    gains = load_control(machine)
+    alone = run_cycles(machine, trajectory, gains, make_law('fourier_pid', machine, gains), cycles=3, seed=seed)
     records = [read_cycle(path) for path in sorted((runs[0][name] / 'bags').iterdir())]
     assert len(records) == 3
     for number, record in enumerate(records):

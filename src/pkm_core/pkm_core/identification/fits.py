@@ -10,17 +10,17 @@ from pkm_core.files import writable_folder, write_json
 from pkm_core.machines import load_machine
 
 
-def fit_records(machine, joint, records, models, control, band, folder):
+def fit_records(machine, joint, records, models, gains, band, folder):
     """Return the `AxisIdentification` of a joint from `JointRecord` objects; write its figures into `folder`."""
     from pkm_core.identification.figures import draw_identification
     from pkm_core.identification.identify import identify_joint
 
-    found = identify_joint(machine, joint, records, models, control, band=band)
+    found = identify_joint(machine, joint, records, models, gains, band=band)
     draw_identification(writable_folder(folder), machine, {joint: found})
     return found
 
 
-def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
+def fit_bags(machine, joint, bags, namespace, models, gains, band, folder):
     """
     Return (AxisIdentification, warnings) of a joint from the bags of its experiments.
 
@@ -34,7 +34,7 @@ def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
         Slow moves and sweeps of that joint.
     namespace : str
         Namespace of the recorded cell.
-    models, control : dict of str to AxisModel, dict of str to RobustGains
+    models, gains : dict of str to AxisModel, dict of str to RobustGains
         Models and gains of all joints during the experiments.
     band : (float, float)
         Band of the sweep [Hz].
@@ -55,7 +55,7 @@ def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
         record, notes = read_cell_bag(loaded, bag, namespace)
         records.append(record)
         warnings += notes
-    found = fit_records(loaded, joint, records, models, control, band, folder)
+    found = fit_records(loaded, joint, records, models, gains, band, folder)
     return found, [*warnings, *found.warnings]
 
 

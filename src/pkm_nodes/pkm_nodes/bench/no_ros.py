@@ -25,14 +25,14 @@ class Simulation:
 
     def __init__(self, machine):
         self._machine = load_machine(machine)
-        self._control = load_control(self._machine)
-        self._law = make_law(LAW, self._machine, self._control)
+        self._gains = load_control(self._machine)
+        self._law = make_law(LAW, self._machine, self._gains)
         motion = load_motion(default_motion(self._machine))
         self._trajectory = to_joints(self._machine, plan(self._machine, motion))
         self._run(2)  # warm
 
     def _run(self, cycles):
-        return _timed(lambda: run_cycles(self._machine, self._trajectory, self._control, self._law, cycles, seed=1))
+        return _timed(lambda: run_cycles(self._machine, self._trajectory, self._gains, self._law, cycles, seed=1))
 
     def turn(self, cycles):
         """Return ticks/s and processor time per tick of `cycles` learning cycles, including the set-up of the run."""
