@@ -62,8 +62,8 @@ def prepared(condition):
 
 
 @cache
-def _prepared(name, chosen, law, coupled, move_time):
-    machine = load_machine(name)
+def _prepared(machine_name, chosen, law, coupled, move_time):
+    machine = load_machine(machine_name)
     motion_name, motion = motion_of(machine, move_time)
     poses = plan(machine, motion)
     joints, gains = to_joints(machine, poses), choose_control(machine, chosen)

@@ -23,8 +23,8 @@ def _timed(function):
 class Simulation:
     """The cycles of the cell in `run_cycles`: same mathematics, same bits, no messages."""
 
-    def __init__(self, machine):
-        self._machine = load_machine(machine)
+    def __init__(self, machine_name):
+        self._machine = load_machine(machine_name)
         self._gains = load_control(self._machine)
         self._law = make_law(LAW, self._machine, self._gains)
         motion = load_motion(default_motion(self._machine))
@@ -51,8 +51,8 @@ class Mujoco:
     One RK4 step per tick, which keeps the path within 2 nm; test/bench/plant.py has the plant's integrator and others.
     """
 
-    def __init__(self, machine):
-        machine = load_machine(machine)
+    def __init__(self, machine_name):
+        machine = load_machine(machine_name)
         self._force = forces(machine)
         self._chain = MujocoChain(machine, 'RK4', 1)
         self._chain.step(self._force)  # warm
