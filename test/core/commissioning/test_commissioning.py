@@ -212,7 +212,7 @@ def test_measured_perturbed_model_violates_limits_with_numbers(planar):
     assert any('d1: gain margin 5.' in reason and 'allowed from 6 dB' in reason for reason in reasons)
 
 
-def test_specimen_changes_the_truth_of_the_copy_only(planar, tmp_path):
+def test_truth_seed_changes_the_truth_of_the_copy_only(planar, tmp_path):
     place, original = copy_config(planar, tmp_path, 'nominal', 5), planar.configuration
     assert place.machine.configuration == place.configuration == Configuration(tmp_path / 'config')
     assert place.configuration.find('truth', 'planar').read_bytes() != original.find('truth', 'planar').read_bytes()

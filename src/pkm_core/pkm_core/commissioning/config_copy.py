@@ -43,11 +43,11 @@ class ConfigCopy:
             path.write_bytes(content)
 
 
-def copy_config(machine, folder, environment, specimen=None):
+def copy_config(machine, folder, environment, truth_seed=None):
     """
     Copy the configuration of `machine` to `folder`/config and return the `ConfigCopy`.
 
-    With a `specimen`, a whole number, thrust, modes, dampings and friction of the simulated machine become random
+    With a `truth_seed`, a whole number, thrust, modes, dampings and friction of the simulated machine become random
     (`random_machine`), in the copy only.
 
     Raises
@@ -60,6 +60,6 @@ def copy_config(machine, folder, environment, specimen=None):
     if copied.folder.exists():
         raise PkmError(f'{copied.folder}: exists; name a folder without the results of another commissioning')
     shutil.copytree(machine.configuration.folder, copied.folder)
-    if specimen is not None:
-        draw_truth(copied, machine.name, specimen, environment)
+    if truth_seed is not None:
+        draw_truth(copied, machine.name, truth_seed, environment)
     return ConfigCopy(machine, copied)

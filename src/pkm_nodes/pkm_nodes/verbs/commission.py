@@ -33,11 +33,12 @@ from pkm_nodes.runtime.discovery import discover_on_this_computer
 
 def commission(
     machine_name: MachineOption = 'four_dof',
-    specimen: Annotated[
+    truth_seed: Annotated[
         int,
         typer.Option(
+            '--specimen',
             min=0,
-            help='Number of the unknown machine, always the same for one number; 0: as in config.',
+            help='Number of a random machine; the same number gives the same machine. 0: the machine of config.',
         ),
     ] = 1,
     motion: MotionOption = '',
@@ -72,13 +73,13 @@ def commission(
     law_file(law)  # refuses it before anything moves
     out = run_folder(out, f'{machine.name}_commissioned')
     options = {'seed': seed, 'environment': environment, 'folder': out}
-    place = copy_config(machine, out, environment, specimen or None)
+    place = copy_config(machine, out, environment, truth_seed or None)
     machine = place.machine
     with _bench(arrangement, machine_name, machine, motion, trajectory, options) as bench:
         given = {'law': law, 'cycles': cycles, 'limit': 1e-6 * accept, 'seed': seed}
         story = _procedure(console, machine, bench, place, config, given, out)
     facts = {
-        **{'machine': machine.name, 'specimen': specimen, 'motion': Path(motion).stem, 'environment': environment},
+        **{'machine': machine.name, 'specimen': truth_seed, 'motion': Path(motion).stem, 'environment': environment},
         **{'seed': seed, 'arrangement': str(arrangement), 'law': law, 'acceptance limit [um]': accept},
         'duration [s]': round(monotonic() - begun, 1),
     }
