@@ -134,7 +134,7 @@ def run_over(line, motion, cycles):
         command = (server, '-i', 0, '-l', address, '-p', port)
         stack.enter_context(program(*hosts['machine'].enter, *command, stdout=subprocess.DEVNULL))
         options = json.dumps(
-            {'control': hosts['control'].enter, 'folder': str(folder), 'motion': motion, 'cycles': cycles}
+            {'enter_control': hosts['control'].enter, 'folder': str(folder), 'motion': motion, 'cycles': cycles}
         )
         driven = subprocess.run(
             [*hosts['machine'].enter, sys.executable, __file__, '--drive', options],
@@ -150,8 +150,12 @@ def run_over(line, motion, cycles):
         return {'line': str(line), 'by': by, 'ticks_per_second': log['ticks'] / log['seconds'], 'same_bits': same}
 
 
-def drive(control, folder, motion, cycles):
-    """Start the cell from the machine's host and run the cycles; print the result as one line of JSON."""
+def drive(enter_control, folder, motion, cycles):
+    """
+    Start the cell from the machine's host and run the cycles; print the result as one line of JSON.
+
+    `enter_control` is the command line that runs a program on the host of the controllers.
+    """
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
 
@@ -159,7 +163,7 @@ def drive(control, folder, motion, cycles):
         """The processes of a cell, those of the controllers on the other host."""
 
         def command(self, executable):
-            there = control if executable in ON_CONTROL else []
+            there = enter_control if executable in ON_CONTROL else []
             return [*there, *super().command(executable)]
 
     cell = TwoHosts(MACHINE, 'processes', seed=SEED, environment='nominal', folder=folder)
@@ -172,8 +176,8 @@ def drive(control, folder, motion, cycles):
 def simulate(motion, cycles):
     """Return the same cycles without ROS."""
     machine = load_machine(MACHINE)
-    trajectory, control = to_joints(machine, plan(machine, load_motion(motion))), load_control(machine)
-    return run_cycles(machine, trajectory, control, make_law(LAW, machine, control), cycles, seed=SEED)
+    trajectory, gains = to_joints(machine, plan(machine, load_motion(motion))), load_control(machine)
+    return run_cycles(machine, trajectory, gains, make_law(LAW, machine, gains), cycles, seed=SEED)
 
 
 def same_bits(records, simulated):

@@ -52,7 +52,7 @@ MACHINES = ('planar', 'four_dof', 'xy_stage')
 class Axis:
     """The data of one joint, its prior knowledge and its true values."""
 
-    def __init__(self, machine, joint, seed, cell, models, control):
+    def __init__(self, machine, joint, seed, cell, models, gains):
         model = models[joint]
         truth = load_truth(machine, 'nominal')[0].axes[joint]
         self.name = f'{machine.name} {joint}, seed {seed}'
@@ -63,11 +63,11 @@ class Axis:
         self.modes = mode_rows(truth.modes)
         self.in_band = np.tile(self.modes[:, 2:3] < BAND[1], 2)
         self.moves = cell.run(slow_moves(machine, joint, model)).axis(machine, joint)
-        records = [cell.run(each) for each in sweeps(machine, joint, model, control[joint])]
+        records = [cell.run(each) for each in sweeps(machine, joint, model, gains[joint])]
         self.sweeps = [record.axis(machine, joint) for record in records]
         self.lines = LINES
         self.factors = [  # effect of the other axes on the response, by design; for all methods
-            coupling_factor(machine, machine.joints.index(joint), record.excited_position(), LINES, models, control)
+            coupling_factor(machine, machine.joints.index(joint), record.excited_position(), LINES, models, gains)
             for record in records
         ]
         true = Surroundings(self.true_low[1], self.moves.sample_time, model.current_loop)
@@ -210,10 +210,10 @@ def main():
     axes = []
     for name in MACHINES:
         machine = load_machine(name)
-        models, control = load_model(machine), load_control(machine)
+        models, gains = load_model(machine), load_control(machine)
         for seed in options.seeds:
-            cell = SimulatedCell(machine, control, seed)
-            axes += [Axis(machine, joint, seed, cell, models, control) for joint in machine.joints]
+            cell = SimulatedCell(machine, gains, seed)
+            axes += [Axis(machine, joint, seed, cell, models, gains) for joint in machine.joints]
     console = Console(width=180)
     low = measure(LOW, axes, errors_low, lambda _: (np.nan, np.nan))
     show(console, 'K and a', low)

@@ -23,10 +23,10 @@ def test_machine_file_of_another_rate_differs_in_the_rate_only(tmp_path):
 
 @pytest.mark.parametrize('rate', RATES)
 def test_gains_for_every_rate_have_the_required_margins(rate, tmp_path):
-    machine, gains = at(rate, tmp_path)
-    machine = load_machine(machine)
+    machine_file, gains_file = at(rate, tmp_path)
+    machine = load_machine(machine_file)
     models = load_model(machine)
-    for joint, law in load_control(machine, gains).items():
+    for joint, law in load_control(machine, gains_file).items():
         margins = stability_margins(law, models[joint], machine.sample_time)
         assert margins.gain_margin > 6.0
         assert margins.phase_margin > 30.0

@@ -68,11 +68,11 @@ def test_feedforward_of_the_wrong_length_is_refused(graph, goals, learned):
 def test_basis_parameters_give_the_feedforward_of_another_motion(graph, goals, stand_in, machine, learned):
     path, feedforward = learned
     graph.start(TrajectoryGeneratorNode)
-    control, trajectory = load_control(machine), to_joints(machine, plan(machine, load_motion(MOTION)))
-    law = make_law('basis', machine, control)
+    gains, trajectory = load_control(machine), to_joints(machine, plan(machine, load_motion(MOTION)))
+    law = make_law('basis', machine, gains)
     bound = law.with_reference(trajectory)
     parameters = {joint: bound.parameters(joint, column) for joint, column in zip(JOINTS, feedforward.T, strict=True)}
-    save(path, Learned(origin_of(machine, MOTION, 'basis', control, trajectory), feedforward, parameters))
+    save(path, Learned(origin_of(machine, MOTION, 'basis', gains, trajectory), feedforward, parameters))
     goal = goals.send(poses=[NEAR_HOME], learning_law='basis', learned=str(path))
     message = stand_in.run(1)
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED

@@ -23,16 +23,16 @@ PKM = Path(sys.prefix) / 'bin' / 'pkm'
 def simulated():
     """Return the records of planar d3's experiments without ROS."""
     machine = load_machine('planar')
-    models, control = load_model(machine), load_control(machine)
-    cell = SimulatedCell(machine, control, 5)
-    return [cell.run(each) for each in experiments(machine, 'd3', models, control)]
+    models, gains = load_model(machine), load_control(machine)
+    cell = SimulatedCell(machine, gains, 5)
+    return [cell.run(each) for each in experiments(machine, 'd3', models, gains)]
 
 
 @pytest.mark.parametrize('arrangement', ['composed', 'processes'])
 def test_graph_gives_records_and_model_of_the_simulation(processes, simulated, arrangement):
     """Records bit for bit."""
     machine, out = load_machine('planar'), processes.folder / 'out'
-    models, control = load_model(machine), load_control(machine)
+    models, gains = load_model(machine), load_control(machine)
     done = processes.run(
         *(PKM, 'identify-cell', '--machine', 'planar', '--joint', 'd3', '--seed', 5, '--arrangement', arrangement),
         *('--out', out, '--json', out / 'found.json'),
@@ -45,7 +45,7 @@ def test_graph_gives_records_and_model_of_the_simulation(processes, simulated, a
         assert not warnings
         assert np.array_equal(recorded.counts, record.counts)
         assert np.array_equal(recorded.voltage, record.voltage)
-    expected = identify_joint(machine, 'd3', simulated, models, control, band=(80.0, 500.0))
+    expected = identify_joint(machine, 'd3', simulated, models, gains, band=(80.0, 500.0))
     assert figures['axes']['d3']['gain'] == expected.low.gain
     assert figures['axes']['d3']['modes'] == expected.high.modes.tolist()
     assert load_model(machine, figures['model_file'])['d1'] == models['d1']  # was not asked for

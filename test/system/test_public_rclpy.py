@@ -34,8 +34,8 @@ def test_public_api_gives_the_same_bits_and_loses_nothing(processes, name, arran
 
     machine = load_machine(name)
     trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
-    control = load_control(machine)
-    simulated = run_cycles(machine, trajectory, control, make_law('fourier_pid', machine, control), cycles, seed=7)
+    gains = load_control(machine)
+    simulated = run_cycles(machine, trajectory, gains, make_law('fourier_pid', machine, gains), cycles, seed=7)
     records = [read_cycle(path) for path in sorted((processes.folder / 'run' / 'bags').iterdir())]
     assert len(records) == cycles
     for number, record in enumerate(records):

@@ -54,8 +54,8 @@ def simulated():
     """Return the same two cycles without ROS."""
     machine = load_machine('four_dof')
     trajectory = to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
-    control = load_control(machine)
-    return run_cycles(machine, trajectory, control, make_law('fourier_pid', machine, control), cycles=2, seed=7)
+    gains = load_control(machine)
+    return run_cycles(machine, trajectory, gains, make_law('fourier_pid', machine, gains), cycles=2, seed=7)
 
 
 @pytest.mark.parametrize('arrangement', ['composed', 'processes'])
@@ -99,13 +99,13 @@ def assert_bits_of_simulation(folder):
     results = json.loads((folder / 'results.json').read_text())
     machine, name, motion = load_machine(results['machine']), results['law'], results['motion']
     trajectory = to_joints(machine, plan(machine, load_motion(motion)))
-    control = choose_control(machine, results['control'])
+    gains = choose_control(machine, results['control'])
     start = None
     if results['learned']:
-        start = first_feedforward(results['learned'], machine, motion, name, control, trajectory)
-    law = None if name == 'none' else make_law(name, machine, control)
+        start = first_feedforward(results['learned'], machine, motion, name, gains, trajectory)
+    law = None if name == 'none' else make_law(name, machine, gains)
     records = cycles_of(folder)
-    expected = run_cycles(machine, trajectory, control, law, len(records), results['seed'], start=start)
+    expected = run_cycles(machine, trajectory, gains, law, len(records), results['seed'], start=start)
     for number, record in enumerate(records):
         for kind in ('counts', 'voltage', 'error', 'feedforward'):
             assert np.array_equal(getattr(record, kind), getattr(expected, kind)[number]), (kind, number)

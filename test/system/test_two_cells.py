@@ -55,18 +55,18 @@ def runs(tmp_path_factory, module_processes):
             topics |= {name for name, _ in node.get_topic_names_and_types()}
             sleep(0.2)
     for name, process in started.items():
-        machine = CELLS[name][0]
-        assert process.poll() == 0, (module_processes.folder / f'{machine}.log').read_text()
+        machine_name = CELLS[name][0]
+        assert process.poll() == 0, (module_processes.folder / f'{machine_name}.log').read_text()
     return folders, topics
 
 
 @pytest.mark.parametrize('name', CELLS)
 def test_each_cell_gives_the_bits_of_a_single_cell(runs, name):
-    machine, _, seed = CELLS[name]
-    machine = load_machine(machine)
+    machine_name, _, seed = CELLS[name]
+    machine = load_machine(machine_name)
     trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
-    control = load_control(machine)
-    alone = run_cycles(machine, trajectory, control, make_law('fourier_pid', machine, control), cycles=3, seed=seed)
+    gains = load_control(machine)
+    alone = run_cycles(machine, trajectory, gains, make_law('fourier_pid', machine, gains), cycles=3, seed=seed)
     records = [read_cycle(path) for path in sorted((runs[0][name] / 'bags').iterdir())]
     assert len(records) == 3
     for number, record in enumerate(records):

@@ -45,8 +45,8 @@ def test_nodes_started_by_hand_complete_the_cell(processes, tmp_path, arrangemen
 
     machine = load_machine('four_dof')
     trajectory = to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
-    control = load_control(machine)
-    expected = run_cycles(machine, trajectory, control, make_law('fourier', machine, control), cycles=2, seed=5)
+    gains = load_control(machine)
+    expected = run_cycles(machine, trajectory, gains, make_law('fourier', machine, gains), cycles=2, seed=5)
     for number, path in enumerate(sorted((tmp_path / 'out' / 'bags').iterdir())):
         assert np.array_equal(read_cycle(path).counts, expected.counts[number])
 

@@ -64,15 +64,15 @@ def _yaml(value):
     return f"'{value}'" if isinstance(value, str) and _LIKE_NO_TEXT.fullmatch(value) else str(value)
 
 
-def controller_nodes(machine, control):
-    """Return the `NodeSpec`s of the controllers of `machine` (name or file) for a choice of `control`."""
-    parameters, model = {'machine': str(machine), 'control': str(control)}, load_machine(machine)
-    if find_control(model, control)[0] == 'computed_torque':
-        commands = tuple(f'{joint}/command' for joint in model.joints)
+def controller_nodes(machine_name, control):
+    """Return the `NodeSpec`s of the controllers of a machine (name or file) for a choice of `control`."""
+    parameters, machine = {'machine': str(machine_name), 'control': str(control)}, load_machine(machine_name)
+    if find_control(machine, control)[0] == 'computed_torque':
+        commands = tuple(f'{joint}/command' for joint in machine.joints)
         return [NodeSpec('computed_torque_controller', 'computed_torque_controller', parameters, commands)]
     return [
         NodeSpec('joint_controller', f'joint_controller_{joint}', {**parameters, 'joint': joint}, (f'{joint}/command',))
-        for joint in model.joints
+        for joint in machine.joints
     ]
 
 

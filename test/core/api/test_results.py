@@ -103,7 +103,7 @@ def test_broken_off_cycle_has_no_metrics(start_recording, make_cycle):
 
 def test_identification_finds_the_resonances(machine, swept):
     believed = load_model(machine)['d1']
-    assert swept.gain == pytest.approx(believed.gain, rel=0.15)  # this specimen differs by some per cent
+    assert swept.gain == pytest.approx(believed.gain, rel=0.15)  # the simulated axis differs by some per cent
     assert swept.modes[0, 0] == pytest.approx(believed.modes[0].resonance, rel=0.05)
     assert swept.measured_response().dt == machine.sample_time
     assert swept.model.modes[0].resonance == swept.modes[0, 0]

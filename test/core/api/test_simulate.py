@@ -51,9 +51,9 @@ class Ahead:
 
 
 def test_simulation_has_the_bits_of_the_cell(machine, motion, learned):
-    control = choose_control(machine)
-    law = make_law('fourier_pid', machine, control)
-    expected = run_cycles(machine, motion.joints, control, law, 3, 7, laser=True)
+    gains = choose_control(machine)
+    law = make_law('fourier_pid', machine, gains)
+    expected = run_cycles(machine, motion.joints, gains, law, 3, 7, laser=True)
     for name in ('error', 'counts', 'voltage', 'feedforward'):
         np.testing.assert_array_equal(getattr(learned.records, name), getattr(expected, name))
     assert (learned.controller, learned.law, learned.joints) == ('robust', 'fourier_pid', machine.joints)

@@ -57,7 +57,7 @@ class Bench:
         folder = self._place.configuration.folder.parent / 'identified'
         folder.mkdir()
         file = folder / 'model.yaml'
-        file.write_text(self._place.model.read_text().replace('gain: 11440', 'gain: 9800'))
+        file.write_text(self._place.model_file.read_text().replace('gain: 11440', 'gain: 9800'))
         models = load_model(self._machine, file)
         responses = {joint: [self._responses_of(model, self._machine)] for joint, model in models.items()}
         return Identified(file, responses, ['d1: a warning'])
@@ -121,7 +121,7 @@ def test_candidates_have_costs_and_the_least_is_recommended(planar, place, small
 
 
 def test_old_files_are_restored_when_the_acceptance_move_fails(planar, place, small, tmp_path):
-    before = {path: path.read_bytes() for path in (place.model, place.control)}
+    before = {path: path.read_bytes() for path in (place.model_file, place.gains_file)}
     bench = Bench(place.machine, place, errors={'tuned': 40 * UM})
     outcome, _ = run(bench, place, small, tmp_path)
     assert not outcome.accepted
@@ -212,7 +212,7 @@ def test_measured_perturbed_model_violates_limits_with_numbers(planar):
     assert any('d1: gain margin 5.' in reason and 'allowed from 6 dB' in reason for reason in reasons)
 
 
-def test_specimen_changes_the_truth_of_the_copy_only(planar, tmp_path):
+def test_truth_seed_changes_the_truth_of_the_copy_only(planar, tmp_path):
     place, original = copy_config(planar, tmp_path, 'nominal', 5), planar.configuration
     assert place.machine.configuration == place.configuration == Configuration(tmp_path / 'config')
     assert place.configuration.find('truth', 'planar').read_bytes() != original.find('truth', 'planar').read_bytes()

@@ -22,7 +22,7 @@ from pkm_core.tuning.torque_limits import limits_of, scan
 MACHINES = ('four_dof', 'planar', 'xy_stage')
 FOUR_DOF = load_machine('four_dof')
 MODELS = load_model(FOUR_DOF)
-CONTROL = load_torque_control(FOUR_DOF)
+GAINS = load_torque_control(FOUR_DOF)
 TS = FOUR_DOF.sample_time
 
 
@@ -30,13 +30,13 @@ def reference(machine=FOUR_DOF):
     return to_joints(machine, plan(machine, load_motion(default_motion(machine))))
 
 
-def controller(control=CONTROL, models=MODELS):
-    return ComputedTorque(FOUR_DOF, control, models)
+def controller(gains=GAINS, models=MODELS):
+    return ComputedTorque(FOUR_DOF, gains, models)
 
 
 def written_out(trajectory, measured, learned):
     """Return the voltages (N, n) of (8.1)-(8.3), computed with NumPy."""
-    kp, ki, kd = np.array([gains.error_gains() for gains in CONTROL.values()]).T
+    kp, ki, kd = np.array([axis_gains.error_gains() for axis_gains in GAINS.values()]).T
     mass = FOUR_DOF.thrust_per_volt / np.array([model.gain for model in MODELS.values()])
     friction = mass * np.array([model.viscosity for model in MODELS.values()])
     delay = np.array([1.5 * TS + model.low_frequency_delay() for model in MODELS.values()])
@@ -120,9 +120,9 @@ def test_voltage_saturates_and_the_integrator_is_frozen():
 def test_configured_gains_have_the_highest_allowed_frequency(name):
     """One hertz more would violate a margin."""
     machine = load_machine(name)
-    models, control, limits = load_model(machine), load_torque_control(machine), load_tuning().limits
-    for joint, gains in control.items():
-        law = gains.pid(models[joint])
+    models, gains, limits = load_model(machine), load_torque_control(machine), load_tuning().limits
+    for joint, axis_gains in gains.items():
+        law = axis_gains.pid(models[joint])
         for margins, keep in (
             (stability_margins(law, models[joint], TS), limits.nominal),
             (worst_margins(law, models[joint], TS), limits.perturbed),
@@ -130,15 +130,15 @@ def test_configured_gains_have_the_highest_allowed_frequency(name):
             assert margins.gain_margin >= keep.gain_margin
             assert margins.phase_margin >= np.degrees(keep.phase_margin)
             assert margins.peak_sensitivity <= keep.peak_sensitivity
-        tried = gains.natural_frequency + np.arange(0.0, 2.5, 0.5)
-        kept = scan(gains, models[joint], TS, load_tuning(), tried)['keeps_margins']
+        tried = axis_gains.natural_frequency + np.arange(0.0, 2.5, 0.5)
+        kept = scan(axis_gains, models[joint], TS, load_tuning(), tried)['keeps_margins']
         assert kept[0]
         assert not kept[2]
 
 
 def test_modes_halve_the_natural_frequency_of_the_worst_axis():
     """Compared with the limit due to the delay alone."""
-    gains, model, config = CONTROL['d7'], MODELS['d7'], load_tuning()
+    gains, model, config = GAINS['d7'], MODELS['d7'], load_tuning()
     tried = np.arange(5.0, 130.0, 1.0)
     with_modes = limits_of(scan(gains, model, TS, config, tried))
     rigid = limits_of(scan(gains, model.model_copy(update={'modes': ()}), TS, config, tried))
@@ -157,7 +157,7 @@ def test_whole_machine_follows_its_motion(name, limit):
 
 
 def test_kind_of_gains_decides_the_controller():
-    assert isinstance(make_controller(FOUR_DOF, CONTROL), ComputedTorque)
+    assert isinstance(make_controller(FOUR_DOF, GAINS), ComputedTorque)
     assert isinstance(make_controller(FOUR_DOF, load_control(FOUR_DOF)), JointControllers)
 
 
@@ -192,8 +192,8 @@ def test_unknown_control_or_that_of_another_machine_is_refused(tmp_path):
 
 @pytest.mark.parametrize('kind', ['torque', 'robust'])
 def test_both_controllers_have_the_same_refusals_and_reset(kind):
-    control = CONTROL if kind == 'torque' else load_control(FOUR_DOF)
-    law, fresh = make_controller(FOUR_DOF, control), make_controller(FOUR_DOF, control)
+    gains = GAINS if kind == 'torque' else load_control(FOUR_DOF)
+    law, fresh = make_controller(FOUR_DOF, gains), make_controller(FOUR_DOF, gains)
     trajectory = reference()
     learned = np.zeros(trajectory.position.shape)
     with pytest.raises(PkmError, match='the loaded cycle has 0 samples'):

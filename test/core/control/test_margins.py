@@ -43,8 +43,8 @@ ALL_AXES = [*DESIGNED, ('xy_stage', 'x'), ('xy_stage', 'y')]
 
 
 @cache
-def axis(machine, joint):
-    machine = load_machine(machine)
+def axis(machine_name, joint):
+    machine = load_machine(machine_name)
     return load_control(machine)[joint], load_model(machine)[joint]
 
 

@@ -74,8 +74,8 @@ def test_spread_is_mean_percentile_and_unsettled_share():
 def test_records_hold_the_arrays_of_the_simulation():
     """The laser's times count from the start of each cycle."""
     records, _ = simulate(condition('robust'), 1, 2)
-    machine, _, _, joints, control, _, _ = prepared(condition('robust'))
-    ran = run_cycles(machine, joints, control, None, 2, 1, laser=True)
+    machine, _, _, joints, gains, _, _ = prepared(condition('robust'))
+    ran = run_cycles(machine, joints, gains, None, 2, 1, laser=True)
     for cycle, record in enumerate(records):
         np.testing.assert_array_equal(record.error, ran.error[cycle])
         np.testing.assert_array_equal(record.laser, ran.laser[cycle].displacement)
@@ -88,8 +88,8 @@ def test_records_hold_the_arrays_of_the_simulation():
 
 
 def test_laser_does_not_change_the_run():
-    machine, _, _, joints, control, _, _ = prepared(condition('robust'))
-    with_laser, without = (run_cycles(machine, joints, control, None, 1, 1, laser=laser) for laser in (True, False))
+    machine, _, _, joints, gains, _, _ = prepared(condition('robust'))
+    with_laser, without = (run_cycles(machine, joints, gains, None, 1, 1, laser=laser) for laser in (True, False))
     np.testing.assert_array_equal(with_laser.counts, without.counts)
     assert without.laser == ()
 
@@ -109,8 +109,8 @@ def test_coupling_feedforward_reduces_the_error_of_four_axes():
 
 
 def test_coupling_feedforward_of_uncoupled_axes_is_zero():
-    machine, _, _, joints, control, _, _ = prepared(condition('XY stage'))
-    assert np.abs(design_feedforward(machine, control, joints)).max() < 1e-9
+    machine, _, _, joints, gains, _, _ = prepared(condition('XY stage'))
+    assert np.abs(design_feedforward(machine, gains, joints)).max() < 1e-9
 
 
 def test_processes_do_not_change_an_outcome():
@@ -134,8 +134,8 @@ def test_error_of_a_run_is_raised_by_farm():
 @pytest.mark.parametrize('name', ['planar', 'four_dof'])
 def test_every_condition_of_an_experiment_can_be_prepared(name):
     for each in conditions(name):
-        machine, _, _, joints, control, law, start = prepared(each)
-        assert tuple(control) == machine.joints == joints.coordinates
+        machine, _, _, joints, gains, law, start = prepared(each)
+        assert tuple(gains) == machine.joints == joints.coordinates
         assert (law is None) is (each.law == 'none')
         assert (start is None) is (not each.coupled)
     assert find_config('control', f'{name}_thesis').is_file()
@@ -230,4 +230,4 @@ def test_every_target_is_met(tmp_path):
 
 def test_experiments_use_the_configured_gains():
     machine = load_machine('planar')
-    assert prepared(condition('robust')).control == load_control(machine)
+    assert prepared(condition('robust')).gains == load_control(machine)

@@ -15,18 +15,18 @@ from pkm_core.plant.random_truth import random_machine
 from pkm_core.simulation.cycles import run_cycles
 
 MACHINE = load_machine('planar')
-CONTROL = load_control(MACHINE)
+GAINS = load_control(MACHINE)
 TRAJECTORY = to_joints(MACHINE, plan(MACHINE, load_motion('planar_80ms')))
 
 
 def counts(seed):
     """Return the readings of a first cycle; the same noise for all machines."""
     with random_machine(MACHINE, seed) as machine:
-        return run_cycles(machine, TRAJECTORY, CONTROL, None, 1, 1).counts
+        return run_cycles(machine, TRAJECTORY, GAINS, None, 1, 1).counts
 
 
 def test_seed_determines_the_random_machine():
-    nominal = run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, 1).counts
+    nominal = run_cycles(MACHINE, TRAJECTORY, GAINS, None, 1, 1).counts
     first = counts((1, 0))
     np.testing.assert_array_equal(counts((1, 0)), first)
     assert (counts((1, 1)) != first).any()
@@ -35,7 +35,7 @@ def test_seed_determines_the_random_machine():
 
 def test_models_and_gains_of_controllers_do_not_change():
     with random_machine(MACHINE, 5) as machine:
-        assert (load_model(machine), load_control(machine)) == (load_model(MACHINE), CONTROL)
+        assert (load_model(machine), load_control(machine)) == (load_model(MACHINE), GAINS)
 
 
 def test_copied_configuration_is_removed_after_the_block():
@@ -47,8 +47,8 @@ def test_copied_configuration_is_removed_after_the_block():
 
 
 def test_study_has_errors_by_machine_and_cycle():
-    law = make_law('inverse', MACHINE, CONTROL)
-    found = study(MACHINE, TRAJECTORY, CONTROL, law, machines=2, cycles=3)
+    law = make_law('inverse', MACHINE, GAINS)
+    found = study(MACHINE, TRAJECTORY, GAINS, law, machines=2, cycles=3)
     assert found.error.shape == found.settling_time_5um.shape == (2, 3)
     assert found.error[0, 0] != found.error[1, 0]
     assert (found.error[:, 2] < found.error[:, 0]).all()

@@ -40,9 +40,9 @@ def parts():
 @cache
 def experiments():
     """Return [(Experiment, JointRecord)] of slow moves and one sweep of planar d1."""
-    machine, models, control = parts()
-    cell = SimulatedCell(machine, control, 1)
-    planned = [slow_moves(machine, 'd1', models['d1']), *sweeps(machine, 'd1', models['d1'], control['d1'], stations=1)]
+    machine, models, gains = parts()
+    cell = SimulatedCell(machine, gains, 1)
+    planned = [slow_moves(machine, 'd1', models['d1']), *sweeps(machine, 'd1', models['d1'], gains['d1'], stations=1)]
     return [(each, cell.run(each)) for each in planned]
 
 
@@ -118,8 +118,8 @@ def test_cell_bag_holds_the_record_of_the_loop(cell_bags):
 
 
 def test_verb_on_bags_equals_the_fit_of_the_records(cell_bags, tmp_path):
-    machine, models, control = parts()
-    direct = identify_joint(machine, 'd1', [record for _, record in experiments()], models, control)
+    machine, models, gains = parts()
+    direct = identify_joint(machine, 'd1', [record for _, record in experiments()], models, gains)
     result = call('--machine', 'planar', *cell_bags, '--out', tmp_path, '--json', tmp_path / 'all.json')
     assert result.exit_code == 0
     figures = json.loads((tmp_path / 'all.json').read_text())['axes']

@@ -31,8 +31,8 @@ def moves_of(name, joint):
 
 
 def sweeps_of(name, joint, **settings):
-    machine, models, control = parts(name)
-    return sweeps(machine, joint, models[joint], control[joint], Sweep(**settings))
+    machine, models, gains = parts(name)
+    return sweeps(machine, joint, models[joint], gains[joint], Sweep(**settings))
 
 
 def all_experiments(name):
@@ -159,8 +159,8 @@ def test_guard_returns_value_and_bound(voltage, position, reference, reason):
 
 @pytest.mark.parametrize('name', NAMES)
 def test_machine_stays_within_the_forecast_bounds(name):
-    machine, _, control = parts(name)
-    cell = SimulatedCell(machine, control, 1)
+    machine, _, gains = parts(name)
+    cell = SimulatedCell(machine, gains, 1)
     for joint in machine.joints:
         for experiment in (moves_of(name, joint), sweeps_of(name, joint)[0]):
             record = cell.run(experiment)  # raises if a bound is exceeded
@@ -169,8 +169,8 @@ def test_machine_stays_within_the_forecast_bounds(name):
 
 
 def test_abort_leaves_the_machine_at_rest_and_ready():
-    machine, _, control = parts('planar')
-    cell = SimulatedCell(machine, control, 1)
+    machine, _, gains = parts('planar')
+    cell = SimulatedCell(machine, gains, 1)
     experiment = moves_of('planar', 'd1')
     strict = replace(experiment, bounds=replace(experiment.bounds, speed=0.05))
     with pytest.raises(IdentificationError, match=r'd1_slow_moves: sample \d+: d1 moves at .* braked to a standstill'):
@@ -180,11 +180,11 @@ def test_abort_leaves_the_machine_at_rest_and_ready():
 
 def test_vibration_stays_slower_than_the_jog():
     """For any requested share of the jog speed the slider never stops."""
-    machine, models, control = parts('planar')
+    machine, models, gains = parts('planar')
     one = {}
     for shake in (0.6, 1.0):
         wish = Sweep(band=(20.0, 500.0), shake=shake)
-        volts = one_period(wish, models['d1'], control['d1'], machine.sample_time, 10.0)
-        one[shake] = np.abs(forecast(models['d1'], control['d1'], volts, machine.sample_time)[1]).max() / wish.speed
+        volts = one_period(wish, models['d1'], gains['d1'], machine.sample_time, 10.0)
+        one[shake] = np.abs(forecast(models['d1'], gains['d1'], volts, machine.sample_time)[1]).max() / wish.speed
     assert 0.5 < one[0.6] <= 0.9 * (1 + 1e-9)
     assert one[1.0] == pytest.approx(0.9)

@@ -46,9 +46,9 @@ def excited(machine, sweep, *, column=COLUMN, volts=None):
 
 
 def test_empty_request_plans_the_default_experiments(planar):
-    models, control = load_model(planar), load_control(planar)
+    models, gains = load_model(planar), load_control(planar)
     for joint, found in planned(planar).items():
-        expected = experiments(planar, joint, models, control)
+        expected = experiments(planar, joint, models, gains)
         assert [each.name for each in found] == [each.name for each in expected]
         for ours, theirs in zip(found, expected, strict=True):
             assert np.array_equal(ours.trajectory.position, theirs.trajectory.position)

@@ -40,15 +40,15 @@ def parts(name):
 
 @cache
 def records(name, joint, seed=1):
-    machine, models, control = parts(name)
-    cell = SimulatedCell(machine, control, seed)
-    return [cell.run(experiment) for experiment in experiments(machine, joint, models, control)]
+    machine, models, gains = parts(name)
+    cell = SimulatedCell(machine, gains, seed)
+    return [cell.run(experiment) for experiment in experiments(machine, joint, models, gains)]
 
 
 @cache
 def found(name='planar', joint='d1'):
-    machine, models, control = parts(name)
-    return identify_joint(machine, joint, records(name, joint), models, control, band=BAND)
+    machine, models, gains = parts(name)
+    return identify_joint(machine, joint, records(name, joint), models, gains, band=BAND)
 
 
 def truth(name, joint):
@@ -83,27 +83,27 @@ def test_errors_lie_within_the_stated_uncertainty():
 
 def test_result_does_not_depend_on_the_prior_model():
     """Prior gain off by 20 %, prior viscosity by 50 %."""
-    machine, models, control = parts('planar')
+    machine, models, gains = parts('planar')
     wrong = {
         joint: model.model_copy(update={'gain': 1.2 * model.gain, 'viscosity': 0.5 * model.viscosity})
         for joint, model in models.items()
     }
-    again = identify_joint(machine, 'd1', records('planar', 'd1'), wrong, control, band=BAND)
+    again = identify_joint(machine, 'd1', records('planar', 'd1'), wrong, gains, band=BAND)
     assert again.low.gain == pytest.approx(found().low.gain, rel=1e-4)
     np.testing.assert_allclose(again.high.modes, found().high.modes, rtol=5e-3)
 
 
 def test_same_records_give_the_same_bits():
-    machine, models, control = parts('planar')
-    again = identify_joint(machine, 'd1', records('planar', 'd1'), models, control, band=BAND)
+    machine, models, gains = parts('planar')
+    again = identify_joint(machine, 'd1', records('planar', 'd1'), models, gains, band=BAND)
     assert again.low.gain == found().low.gain
     np.testing.assert_array_equal(again.high.modes, found().high.modes)
 
 
 def test_coupling_lowers_the_effective_mass_of_an_axis():
     """Below the bandwidth of the other loops the factor is 1; above it, that of floating axes."""
-    machine, models, control = parts('four_dof')
-    factor = coupling_factor(machine, 0, machine.home, np.array([1.0, 600.0]), models, control)
+    machine, models, gains = parts('four_dof')
+    factor = coupling_factor(machine, 0, machine.home, np.array([1.0, 600.0]), models, gains)
     M = machine.mass_matrix(machine.home) + np.diag(
         machine.thrust_per_volt / np.array([models[joint].gain for joint in machine.joints])
         - np.diag(machine.mass_matrix(machine.home))
@@ -115,15 +115,15 @@ def test_coupling_lowers_the_effective_mass_of_an_axis():
 @pytest.mark.parametrize('joint', ['d1', 'd3'])
 def test_ordinary_cycles_give_gain_and_viscosity(joint):
     """All axes move in a learning run without an excitation."""
-    machine, models, control = parts('planar')
+    machine, models, gains = parts('planar')
     trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
-    run = run_cycles(machine, trajectory, control, make_law('fourier_pid', machine, control), 6, seed=1)
+    run = run_cycles(machine, trajectory, gains, make_law('fourier_pid', machine, gains), 6, seed=1)
     moves = tuple(zip(trajectory.move_starts.tolist(), trajectory.move_ends.tolist(), strict=True))
     cycles = [
         JointRecord(f'cycle {number}', trajectory.position, counts, voltage, moves=moves)
         for number, (counts, voltage) in enumerate(zip(run.counts, run.voltage, strict=True), 1)
     ]
-    axis = identify_joint(machine, joint, cycles, models, control)
+    axis = identify_joint(machine, joint, cycles, models, gains)
     gain, viscosity, _ = truth('planar', joint)
     assert axis.low.gain == pytest.approx(gain, rel=0.03)  # one stretch of the travel: thrust varies by 1.5 % along it
     assert axis.low.viscosity == pytest.approx(viscosity, rel=0.1)  # without a sweep the delay of H is not known
@@ -157,9 +157,9 @@ def test_figures_are_numbered_as_in_the_thesis(tmp_path):
 
 
 def test_records_without_plain_moves_are_refused():
-    machine, models, control = parts('planar')
+    machine, models, gains = parts('planar')
     with pytest.raises(IdentificationError, match='d1: no record with moves without excitation'):
-        identify_joint(machine, 'd1', records('planar', 'd1')[1:], models, control, band=BAND)
+        identify_joint(machine, 'd1', records('planar', 'd1')[1:], models, gains, band=BAND)
 
 
 def test_verb_writes_model_figures_and_json(tmp_path):

@@ -32,11 +32,11 @@ def machine_parts(name):
 
 
 def identified(name, joint, seed, environment='nominal', machine=None):
-    nominal, models, control = machine_parts(name)
+    nominal, models, gains = machine_parts(name)
     machine = machine or nominal
-    cell = SimulatedCell(machine, control, seed, environment)
-    records = [cell.run(each) for each in experiments(machine, joint, models, control)]
-    return identify_joint(machine, joint, records, models, control, band=BAND)
+    cell = SimulatedCell(machine, gains, seed, environment)
+    records = [cell.run(each) for each in experiments(machine, joint, models, gains)]
+    return identify_joint(machine, joint, records, models, gains, band=BAND)
 
 
 def errors(name, joint, found, environment='nominal', machine=None):

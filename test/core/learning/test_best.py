@@ -15,7 +15,7 @@ from pkm_core.motion.trajectory import to_joints
 from pkm_core.simulation.cycles import run_cycles
 
 MACHINE = load_machine('planar')
-CONTROL = load_control(MACHINE)
+GAINS = load_control(MACHINE)
 NAME = 'planar_80ms'
 TRAJECTORY = to_joints(MACHINE, plan(MACHINE, load_motion(NAME)))
 OTHER = to_joints(MACHINE, plan(MACHINE, Motion(machine='planar', targets=(Target(by={'d1': 3e-3}),))))
@@ -25,7 +25,7 @@ def best_of(law, cycles):
     """Return the `Best` of (joint, rms error, level of the feedforward, iteration)."""
     best, samples = Best(MACHINE, NAME, law, TRAJECTORY), len(TRAJECTORY)
     for joint, error, level, iteration in cycles:
-        best.observe(joint, CONTROL[joint], np.full(samples, error), np.full(samples, level), iteration)
+        best.observe(joint, GAINS[joint], np.full(samples, error), np.full(samples, level), iteration)
     return best
 
 
@@ -51,31 +51,31 @@ def test_joint_without_a_cycle_is_named():
 @pytest.fixture
 def path(tmp_path):
     """Return a file of three cycles of the basis law on the machine."""
-    law, best = make_law('basis', MACHINE, CONTROL), Best(MACHINE, NAME, 'basis', TRAJECTORY)
-    records = run_cycles(MACHINE, TRAJECTORY, CONTROL, law, 3, seed=1)
+    law, best = make_law('basis', MACHINE, GAINS), Best(MACHINE, NAME, 'basis', TRAJECTORY)
+    records = run_cycles(MACHINE, TRAJECTORY, GAINS, law, 3, seed=1)
     for cycle in range(3):
         for column, joint in enumerate(MACHINE.joints):
             rows = records.error[cycle, :, column], records.feedforward[cycle, :, column]
-            best.observe(joint, CONTROL[joint], *rows, cycle)
+            best.observe(joint, GAINS[joint], *rows, cycle)
     save(tmp_path / 'learned.npz', best.learned())
     return tmp_path / 'learned.npz'
 
 
-def begin(path, law, trajectory=TRAJECTORY, motion=NAME, control=CONTROL):
-    return first_feedforward(path, MACHINE, motion, law, control, trajectory)
+def begin(path, law, trajectory=TRAJECTORY, motion=NAME, gains=GAINS):
+    return first_feedforward(path, MACHINE, motion, law, gains, trajectory)
 
 
 @pytest.mark.parametrize('law', ['none', 'inverse', 'basis'])
 def test_same_motion_starts_with_its_feedforward_under_any_law(path, law):
     start = begin(path, law)
-    first = run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, seed=2, start=start).metric('max_dynamic_error').max()
-    assert first < 0.5 * run_cycles(MACHINE, TRAJECTORY, CONTROL, None, 1, seed=2).metric('max_dynamic_error').max()
+    first = run_cycles(MACHINE, TRAJECTORY, GAINS, None, 1, seed=2, start=start).metric('max_dynamic_error').max()
+    assert first < 0.5 * run_cycles(MACHINE, TRAJECTORY, GAINS, None, 1, seed=2).metric('max_dynamic_error').max()
 
 
 def test_basis_parameters_start_other_motions(path):
     start = begin(path, 'basis', OTHER, 'other')
     errors = [
-        run_cycles(MACHINE, OTHER, CONTROL, None, 1, seed=2, start=each).metric('max_dynamic_error').max()
+        run_cycles(MACHINE, OTHER, GAINS, None, 1, seed=2, start=each).metric('max_dynamic_error').max()
         for each in (start, None)
     ]
     assert errors[0] < 0.7 * errors[1]
@@ -84,7 +84,7 @@ def test_basis_parameters_start_other_motions(path):
 def test_other_motions_other_gains_and_other_lengths_are_refused(path, tmp_path):
     with pytest.raises(LearningError, match="was learned for another motion 'planar_80ms', here 'other'; reference"):
         begin(path, 'inverse', OTHER, 'other')
-    softer = {joint: gains.model_copy(update={'kp': 0.9 * gains.kp}) for joint, gains in CONTROL.items()}
+    softer = {joint: axis_gains.model_copy(update={'kp': 0.9 * axis_gains.kp}) for joint, axis_gains in GAINS.items()}
     with pytest.raises(LearningError, match='was learned for another config'):
         begin(path, 'basis', OTHER, 'other', softer)
     learned = best_of('inverse', [('d1', 1e-6, 0.0, 0), ('d3', 1e-6, 0.0, 0)]).learned()

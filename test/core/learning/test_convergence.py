@@ -183,11 +183,11 @@ def test_make_law_runs_the_test(tmp_path):
 
 def test_law_is_tested_again_for_other_gains():
     machine = load_machine('planar')
-    control = load_control(machine)
-    make_law('fourier_pid', machine, control)
-    weak = control['d3'].model_copy(update={'kp': 1500.0, 'kd': 9.0, 'ki': 30000.0})
+    gains = load_control(machine)
+    make_law('fourier_pid', machine, gains)
+    weak = gains['d3'].model_copy(update={'kp': 1500.0, 'kd': 9.0, 'ki': 30000.0})
     with pytest.raises(LearningError, match=r"'fourier_pid' would diverge: the error of d3"):
-        make_law('fourier_pid', machine, control | {'d3': weak})
+        make_law('fourier_pid', machine, gains | {'d3': weak})
 
 
 def stiffer(model):

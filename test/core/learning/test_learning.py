@@ -24,13 +24,13 @@ N = 680
 FREQUENCY = np.fft.rfftfreq(N, TS)
 FOURIER = ('fourier', 'fourier_pid')
 MACHINES = {name: load_machine(name) for name in ('four_dof', 'planar')}
-CONTROL = {name: load_control(machine) for name, machine in MACHINES.items()}
+GAINS = {name: load_control(machine) for name, machine in MACHINES.items()}
 REFERENCE = to_joints(MACHINES['four_dof'], plan(MACHINES['four_dof'], load_motion('four_dof_70ms')))
 
 
 @cache
 def law(name, machine='four_dof'):
-    made = make_law(name, MACHINES[machine], CONTROL[machine])
+    made = make_law(name, MACHINES[machine], GAINS[machine])
     return made.with_reference(REFERENCE) if machine == 'four_dof' else made
 
 
@@ -57,7 +57,7 @@ def error_of_a_move(top):
 
 
 def test_learned_path_is_the_loop_from_voltage_before_filters():
-    gains, model = CONTROL['planar']['d3'], law('inverse', 'planar').models['d3']
+    gains, model = GAINS['planar']['d3'], law('inverse', 'planar').models['d3']
     frequency = np.array([3.0, 40.0, 160.0])
     z = unit_circle(frequency, TS)
     loop = open_loop(gains, model, TS)(z)
@@ -100,7 +100,7 @@ def test_norm_optimal_update_minimises_the_lifted_criterion():
 
 @pytest.mark.parametrize('name', FOURIER)
 def test_fourier_law_advances_a_harmonic(name):
-    the_law, gains, n = law(name), CONTROL['four_dof']['d3'], 12  # 35 Hz: full weight
+    the_law, gains, n = law(name), GAINS['four_dof']['d3'], 12  # 35 Hz: full weight
     config, frequency = the_law.config, n / (N * TS)
     # the same in the time domain, run through a few cycles until the action is periodic: (7.33)
     psi = config.gain[0] * np.tile(np.roll(harmonic(n), -the_law.advance['d3']), 8)

@@ -88,11 +88,11 @@ def test_best_is_a_copy_of_the_caller_array():
 
 def test_monitor_stops_a_law_with_wrong_sign_in_the_loop():
     machine = load_machine('planar')
-    trajectory, control = to_joints(machine, plan(machine, load_motion('planar_80ms'))), load_control(machine)
-    law = untested_law('fourier_pid', machine, control)
+    trajectory, gains = to_joints(machine, plan(machine, load_motion('planar_80ms'))), load_control(machine)
+    law = untested_law('fourier_pid', machine, gains)
     right = law.action
     law.action = lambda joint, frequency: -right(joint, frequency)
-    records = run_cycles(machine, trajectory, control, law, 8, 1)
+    records = run_cycles(machine, trajectory, gains, law, 8, 1)
     assert len(records.notices) == 4  # return and end, for both joints
     assert records.notices[0].startswith('cycle 3: learning of d1 diverges')
     assert records.notices[-1].startswith('cycle 6: learning of d3 diverges')
@@ -104,9 +104,9 @@ def test_monitor_stops_a_law_with_wrong_sign_in_the_loop():
 def test_monitor_stops_the_thesis_law_without_advance():
     machine = load_machine('four_dof')
     trajectory = to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
-    control = load_control(machine, 'four_dof_thesis')
-    law = untested_law('fourier', machine, control).as_printed()
-    records = run_cycles(machine, trajectory, control, law, 50, 1)
+    gains = load_control(machine, 'four_dof_thesis')
+    law = untested_law('fourier', machine, gains).as_printed()
+    records = run_cycles(machine, trajectory, gains, law, 50, 1)
     error = records.metric('max_dynamic_error').max(axis=1) / UM
     assert (
         error[5:8].max() < 6.0

@@ -35,10 +35,10 @@ def write(tmp_path):
 
 
 def test_own_law_learns_on_the_machine(write):
-    control = load_control(PLANAR)
-    law = make_law(str(write()), PLANAR, control)
+    gains = load_control(PLANAR)
+    law = make_law(str(write()), PLANAR, gains)
     trajectory = to_joints(PLANAR, plan(PLANAR, load_motion('planar_80ms')))
-    records = run_cycles(PLANAR, trajectory, control, law, 4, 1)
+    records = run_cycles(PLANAR, trajectory, gains, law, 4, 1)
     errors = np.abs(records.error).max(axis=(1, 2))
     assert errors[-1] < 0.5 * errors[0]
 

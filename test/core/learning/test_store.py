@@ -16,9 +16,9 @@ from pkm_core.motion.planning import load_motion, plan
 from pkm_core.motion.trajectory import to_joints
 
 MACHINE = load_machine('planar')
-CONTROL = load_control(MACHINE)
+GAINS = load_control(MACHINE)
 TRAJECTORY = to_joints(MACHINE, plan(MACHINE, load_motion('planar_80ms')))
-ORIGIN = store.origin_of(MACHINE, 'planar_80ms', 'basis', CONTROL, TRAJECTORY)
+ORIGIN = store.origin_of(MACHINE, 'planar_80ms', 'basis', GAINS, TRAJECTORY)
 PARAMETERS = {'d1': {'velocity': 0.1 + 0.2}, 'd3': {'velocity': -1e-17}}
 
 
@@ -54,15 +54,15 @@ def test_parameters_hold_for_another_motion(path):
 
 
 def test_origin_differs_by_machine_gains_and_motion():
-    softer = {joint: gains.model_copy(update={'kp': 0.9 * gains.kp}) for joint, gains in CONTROL.items()}
+    softer = {joint: axis_gains.model_copy(update={'kp': 0.9 * axis_gains.kp}) for joint, axis_gains in GAINS.items()}
     other = store.origin_of(MACHINE, 'planar_80ms', 'basis', softer, TRAJECTORY)
     assert other.config != ORIGIN.config
     assert other.reference == ORIGIN.reference
     longer = load_motion('planar_80ms').model_copy(update={'move_time': 90e-3})
-    moved = store.origin_of(MACHINE, 'planar_80ms', 'basis', CONTROL, to_joints(MACHINE, plan(MACHINE, longer)))
+    moved = store.origin_of(MACHINE, 'planar_80ms', 'basis', GAINS, to_joints(MACHINE, plan(MACHINE, longer)))
     assert moved.reference != ORIGIN.reference
     assert moved.config == ORIGIN.config
-    assert store.origin_of(MACHINE, 'planar_80ms', 'basis', CONTROL, TRAJECTORY) == ORIGIN
+    assert store.origin_of(MACHINE, 'planar_80ms', 'basis', GAINS, TRAJECTORY) == ORIGIN
 
 
 @pytest.mark.parametrize('content', [b'', b'no zip', b'PK\x03\x04 broken'])
@@ -147,4 +147,4 @@ def test_feedforward_beyond_the_voltage_limit_is_refused(tmp_path, volts):
     feedforward[7, 0] = -2.0 * volts
     store.save(tmp_path / 'x.npz', store.Learned(ORIGIN, feedforward, {}))
     with pytest.raises(LearningError, match=r'x\.npz: feedforward of .* V; allowed 10 V'):
-        first_feedforward(tmp_path / 'x.npz', MACHINE, 'planar_80ms', 'inverse', CONTROL, TRAJECTORY)
+        first_feedforward(tmp_path / 'x.npz', MACHINE, 'planar_80ms', 'inverse', GAINS, TRAJECTORY)

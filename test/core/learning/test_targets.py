@@ -32,9 +32,9 @@ def reference(name, move_time=None):
 def run(name, law, cycles, environment='nominal', loops=None, move_time=None):
     """Return the records of every seed."""
     machine = load_machine(name)
-    control = load_control(machine, loops)
-    made = make_law(law, machine, control)
-    return [run_cycles(machine, reference(name, move_time), control, made, cycles, seed, environment) for seed in SEEDS]
+    gains = load_control(machine, loops)
+    made = make_law(law, machine, gains)
+    return [run_cycles(machine, reference(name, move_time), gains, made, cycles, seed, environment) for seed in SEEDS]
 
 
 def worst_axis(records, metric='max_dynamic_error'):
@@ -96,8 +96,8 @@ def test_shorter_moves_of_the_same_length_are_learned_too(name, move_time, limit
 @pytest.mark.parametrize('name', MOTIONS)
 def test_learning_converges_on_fifty_random_machines(name):
     machine = load_machine(name)
-    control = load_control(machine)
-    found = study(machine, reference(name), control, make_law('inverse', machine, control), machines=50, cycles=20)
+    gains = load_control(machine)
+    found = study(machine, reference(name), gains, make_law('inverse', machine, gains), machines=50, cycles=20)
     error = UM * found.converged(CYCLES)
     assert np.median(error) <= 2.0
     assert error.max() <= 3.5

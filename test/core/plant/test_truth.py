@@ -75,11 +75,11 @@ def test_controllers_work_without_a_readable_truth(tmp_path):
     for name in ('four_dof', 'planar'):
         machine = load_machine(name, without_truth)
         trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
-        control = load_control(machine)
-        controller = make_controller(machine, control)
+        gains = load_control(machine)
+        controller = make_controller(machine, gains)
         controller.load(trajectory, np.zeros(trajectory.position.shape))
         voltages, _ = controller.update(0, machine.home)
-        law = make_law('fourier_pid', machine, control)
+        law = make_law('fourier_pid', machine, gains)
         learned = law.update(
             machine.joints[0], np.zeros(len(trajectory)), np.zeros(len(trajectory)), 0, machine.sample_time
         )

@@ -26,9 +26,9 @@ def setup(name):
 
 @cache
 def run(name, law, cycles, seed=1, environment='nominal'):
-    machine, trajectory, control = setup(name)
-    law = law and make_law(law, machine, control)
-    return run_cycles(machine, trajectory, control, law, cycles, seed, environment)
+    machine, trajectory, gains = setup(name)
+    law = law and make_law(law, machine, gains)
+    return run_cycles(machine, trajectory, gains, law, cycles, seed, environment)
 
 
 def dynamic_error(records):
@@ -49,8 +49,8 @@ def test_records_have_the_signals_of_the_loop():
 
 
 def test_same_seed_gives_the_same_bits_for_any_number_of_cycles():
-    machine, trajectory, control = setup('four_dof')
-    again = run_cycles(machine, trajectory, control, make_law('fourier', machine, control), 1, 1)
+    machine, trajectory, gains = setup('four_dof')
+    again = run_cycles(machine, trajectory, gains, make_law('fourier', machine, gains), 1, 1)
     for name in ('error', 'counts', 'voltage', 'feedforward'):
         np.testing.assert_array_equal(getattr(again, name)[0], getattr(run('four_dof', 'fourier', 2), name)[0])
 
@@ -60,8 +60,8 @@ def test_another_seed_gives_other_noise():
 
 
 def test_feedforward_is_the_law_applied_to_the_previous_cycle():
-    machine, _, control = setup('four_dof')
-    records, law = run('four_dof', 'fourier_pid', 8), make_law('fourier_pid', machine, control)
+    machine, _, gains = setup('four_dof')
+    records, law = run('four_dof', 'fourier_pid', 8), make_law('fourier_pid', machine, gains)
     assert not records.feedforward[0].any()
     for axis, joint in enumerate(machine.joints):
         expected = law.update(joint, records.error[4, :, axis], records.feedforward[4, :, axis], 4, machine.sample_time)
@@ -100,8 +100,9 @@ def test_cycle_boundary_does_not_disturb_the_rest():
 
 
 def test_fault_of_the_machine_ends_the_run_with_cycle_and_sample():
-    machine, trajectory, control = setup('four_dof')
-    wrong = {joint: gains.model_copy(update={'kp': -gains.kp}) for joint, gains in control.items()}  # runs away
+    machine, trajectory, gains = setup('four_dof')
+    # with kp < 0 the axes run away
+    wrong = {joint: axis_gains.model_copy(update={'kp': -axis_gains.kp}) for joint, axis_gains in gains.items()}
     with pytest.raises(PkmError, match=r'cycle 1, sample \d+: '):
         run_cycles(machine, trajectory, wrong, None, 1, 1)
 

@@ -186,16 +186,16 @@ def test_recommendation_is_written_as_a_file_that_loads(tmp_path):
         longer = tune(STAGE, small(generations=30), 1, executor, tmp_path, resume=tmp_path / SEARCH_FILE)
         with pytest.raises(PkmError, match=r'search.npz: has a search; resume it or name another folder'):
             tune(STAGE, small(), 1, executor, tmp_path)
-    control = load_control(STAGE, str(tmp_path / 'again' / 'xy_stage.yaml'))
+    gains = load_control(STAGE, str(tmp_path / 'again' / 'xy_stage.yaml'))
     for joint, axis in found.items():
         assert axis == again[joint]
-        assert control[joint] == axis.gains
+        assert gains[joint] == axis.gains
         assert axis.margins.gain_margin >= LOOSE.gain_margin
         assert axis.worst.peak_sensitivity <= LOOSE.peak_sensitivity
         assert axis.candidates == 16 * 24
         assert longer[joint].objective <= axis.objective
         # the file has six digits: the reported margins are those of the loaded gains
-        margins = stability_margins(control[joint], load_model(STAGE)[joint], STAGE.sample_time)
+        margins = stability_margins(gains[joint], load_model(STAGE)[joint], STAGE.sample_time)
         assert axis.margins.phase_margin == pytest.approx(margins.phase_margin, abs=1e-9)
     with np.load(tmp_path / SEARCH_FILE) as file:
         assert file['x/0/figures'].shape == (16 * 30, len(COLUMNS))

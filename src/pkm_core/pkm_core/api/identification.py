@@ -79,10 +79,10 @@ def run_experiments(
     """
     checked_joint('run_experiments', joint, machine.joints)
     positions = checked_count('run_experiments: positions', positions, 1)
-    models, control = load_model(machine), choose_control(machine)
+    models, gains = load_model(machine), choose_control(machine)
     request = Request(joints=(joint,), kind=kind, positions=positions)
-    cell = SimulatedCell(machine, control, checked_count('run_experiments: seed', seed, 0), environment)
-    return tuple(cell.run(experiment) for experiment in plan_experiments(machine, request, models, control)[joint])
+    cell = SimulatedCell(machine, gains, checked_count('run_experiments: seed', seed, 0), environment)
+    return tuple(cell.run(experiment) for experiment in plan_experiments(machine, request, models, gains)[joint])
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -248,8 +248,8 @@ def identify(
         record, warnings = read_cell_bag(machine, each, namespace)
         taken.append(record)
         notes += warnings
-    models, control = load_model(machine), choose_control(machine, str(controller))
-    found = identify_joint(machine, joint, taken, models, control, band=band)
+    models, gains = load_model(machine), choose_control(machine, str(controller))
+    found = identify_joint(machine, joint, taken, models, gains, band=band)
     return _identification(machine, found, models[joint], notes)
 
 

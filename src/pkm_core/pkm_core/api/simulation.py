@@ -221,10 +221,10 @@ def simulate(
     if initial_feedforward is not None:
         shape = motion.joints.position.shape
         initial_feedforward = checked_array('simulate: initial_feedforward', initial_feedforward, shape)
-    control, own, controller_name = _controller(machine, controller)
-    chosen, law_name = _law(machine, control, law)
+    gains, own, controller_name = _controller(machine, controller)
+    chosen, law_name = _law(machine, gains, law)
     records = run_cycles(
-        machine, motion.joints, control, chosen, cycles, seed, environment, initial_feedforward, laser, controller=own
+        machine, motion.joints, gains, chosen, cycles, seed, environment, initial_feedforward, laser, controller=own
     )
     return Simulation(
         motion=motion,
@@ -249,17 +249,17 @@ def _controller(machine: Machine, given: Any) -> tuple[Any, Any, str]:
     return None, own_controller(machine, given), type(given).__name__
 
 
-def _law(machine: Machine, control: Any, given: Any) -> tuple[Any, str]:
-    """Return (law, name) for the gains `control`, which are None with an own controller."""
+def _law(machine: Machine, gains: Any, given: Any) -> tuple[Any, str]:
+    """Return (law, name); `gains` is None with an own controller."""
     if given is None or given == 'none':
         return None, 'none'
     if isinstance(given, str | Path):
-        if control is None:
+        if gains is None:
             raise LearningError(
                 f'simulate: law {str(given)!r} is designed for gains of robust control, an own controller has none; '
                 f"allowed with it: 'none' or an own law"
             )
-        if not all(isinstance(gains, PidLaw) for gains in control.values()):
+        if not all(isinstance(axis_gains, PidLaw) for axis_gains in gains.values()):
             raise LearningError(f'simulate: law {str(given)!r} with computed torque; only robust control learns')
-        return make_law(str(given), machine, control), Path(given).stem
+        return make_law(str(given), machine, gains), Path(given).stem
     return own_law(machine, given), type(given).__name__

@@ -216,11 +216,11 @@ def margins(
 
 def _gains(where: str, machine: Machine, joint: str, controller: Any, model: AxisModel) -> PidLaw:
     """Return the linear law of a joint, of a choice of controller."""
-    control = choose_control(machine, str(controller)) if isinstance(controller, str | Path) else controller
-    if not isinstance(control, Mapping) or joint not in control:
+    gains = choose_control(machine, str(controller)) if isinstance(controller, str | Path) else controller
+    if not isinstance(gains, Mapping) or joint not in gains:
         raise PkmError(f'{where}: controller {controller!r} given; expected a name or {{{joint!r}: gains, ...}}')
-    gains = control[joint]
-    return gains if isinstance(gains, PidLaw) else gains.pid(model)
+    axis_gains = gains[joint]
+    return axis_gains if isinstance(axis_gains, PidLaw) else axis_gains.pid(model)
 
 
 def _as_control(system: systems.System, machine: Machine, form: str, name: str, source: str, target: str) -> Any:

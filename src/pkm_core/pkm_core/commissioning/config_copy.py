@@ -18,7 +18,7 @@ class ConfigCopy:
         The copy.
     machine : Machine
         The machine with this configuration.
-    model, control : Path
+    model_file, gains_file : Path
         The files of models and gains of the machine in the copy.
 
     """
@@ -26,14 +26,14 @@ class ConfigCopy:
     def __init__(self, machine, configuration):
         self.configuration = configuration
         self.machine = machine.with_configuration(configuration)
-        self.model, self.control = (
+        self.model_file, self.gains_file = (
             configuration.folder / kind / f'{machine.name}.yaml' for kind in ('model', 'control')
         )
-        self._as_found = {path: path.read_bytes() for path in (self.model, self.control)}
+        self._as_found = {path: path.read_bytes() for path in (self.model_file, self.gains_file)}
 
-    def install(self, model, control):
-        """Copy the files `model` and `control` over the machine's own files; None keeps a file unchanged."""
-        for source, target in ((model, self.model), (control, self.control)):
+    def install(self, model_file, gains_file):
+        """Copy `model_file` and `gains_file` over the machine's own files; None keeps a file unchanged."""
+        for source, target in ((model_file, self.model_file), (gains_file, self.gains_file)):
             if source is not None:
                 shutil.copyfile(source, target)
 
@@ -43,11 +43,11 @@ class ConfigCopy:
             path.write_bytes(content)
 
 
-def copy_config(machine, folder, environment, specimen=None):
+def copy_config(machine, folder, environment, truth_seed=None):
     """
     Copy the configuration of `machine` to `folder`/config and return the `ConfigCopy`.
 
-    With a `specimen`, a whole number, thrust, modes, dampings and friction of the simulated machine become random
+    With a `truth_seed`, a whole number, thrust, modes, dampings and friction of the simulated machine become random
     (`random_machine`), in the copy only.
 
     Raises
@@ -60,6 +60,6 @@ def copy_config(machine, folder, environment, specimen=None):
     if copied.folder.exists():
         raise PkmError(f'{copied.folder}: exists; name a folder without the results of another commissioning')
     shutil.copytree(machine.configuration.folder, copied.folder)
-    if specimen is not None:
-        draw_truth(copied, machine.name, specimen, environment)
+    if truth_seed is not None:
+        draw_truth(copied, machine.name, truth_seed, environment)
     return ConfigCopy(machine, copied)

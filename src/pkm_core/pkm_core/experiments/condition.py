@@ -51,7 +51,7 @@ class Prepared(NamedTuple):
     motion: str
     poses: SampledTrajectory
     joints: SampledTrajectory
-    control: dict  # {joint: gains}
+    gains: dict  # {joint: gains}
     law: Law | None
     start: np.ndarray | None  # (N, n) [V] initial feedforward
 
@@ -62,19 +62,19 @@ def prepared(condition):
 
 
 @cache
-def _prepared(name, chosen, law, coupled, move_time):
-    machine = load_machine(name)
+def _prepared(machine_name, chosen, law, coupled, move_time):
+    machine = load_machine(machine_name)
     motion_name, motion = motion_of(machine, move_time)
     poses = plan(machine, motion)
-    joints, control = to_joints(machine, poses), choose_control(machine, chosen)
+    joints, gains = to_joints(machine, poses), choose_control(machine, chosen)
     return Prepared(
         machine,
         motion_name,
         poses,
         joints,
-        control,
-        None if law == 'none' else make_law(law, machine, control),
-        design_feedforward(machine, control, joints) if coupled else None,
+        gains,
+        None if law == 'none' else make_law(law, machine, gains),
+        design_feedforward(machine, gains, joints) if coupled else None,
     )
 
 

@@ -77,8 +77,8 @@ def _finish(axes, ylabel, xlabel=_TIME):
 
 
 def _sensitivity(figure, condition, joint):
-    machine, gains = prepared(condition).machine, prepared(condition).control[joint]
-    draw_sensitivity(figure.subplots(), *model_loops(gains, load_model(machine)[joint], machine.sample_time))
+    machine, axis_gains = prepared(condition).machine, prepared(condition).gains[joint]
+    draw_sensitivity(figure.subplots(), *model_loops(axis_gains, load_model(machine)[joint], machine.sample_time))
 
 
 def _tracking(figure, run, column):

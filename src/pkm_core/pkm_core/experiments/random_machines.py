@@ -21,7 +21,7 @@ class Study:
         return self.error[:, -cycles:].mean(axis=1)
 
 
-def study(machine, trajectory, control, law, *, machines=50, cycles=20, seed=1, environment='nominal'):
+def study(machine, trajectory, gains, law, *, machines=50, cycles=20, seed=1, environment='nominal'):
     """
     Return the `Study` of `law` on `machines` random machines; other arguments as for `run_cycles`.
 
@@ -29,14 +29,14 @@ def study(machine, trajectory, control, law, *, machines=50, cycles=20, seed=1, 
     """
     error, settling, notices = np.zeros((machines, cycles)), np.zeros((machines, cycles)), []
     for number in range(machines):
-        records = drive_one(machine, trajectory, control, law, number, cycles, seed, environment)
+        records = drive_one(machine, trajectory, gains, law, number, cycles, seed, environment)
         error[number] = records.metric('max_dynamic_error').max(axis=1)
         settling[number] = records.metric('settling_time_5um').max(axis=1)
         notices += [f'machine {number}: {notice}' for notice in records.notices]
     return Study(error, settling, tuple(notices))
 
 
-def drive_one(machine, trajectory, control, law, number, cycles, seed=1, environment='nominal'):
+def drive_one(machine, trajectory, gains, law, number, cycles, seed=1, environment='nominal'):
     """Return the `CycleRecords` of the random machine `number` of a `seed`; other arguments as for `run_cycles`."""
     with random_machine(machine, (seed, number), environment) as drawn:
-        return run_cycles(drawn, trajectory, control, law, cycles, seed + number, environment)
+        return run_cycles(drawn, trajectory, gains, law, cycles, seed + number, environment)

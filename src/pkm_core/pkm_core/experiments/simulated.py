@@ -11,8 +11,8 @@ from pkm_core.simulation.cycles import run_cycles
 
 def simulate(condition, seed, cycles, *, laser=True):
     """Return the `CycleRecord`s of `cycles` cycles of a `Condition` from power-up, and the notices of its monitors."""
-    machine, motion, poses, joints, control, law, start = prepared(condition)
-    ran = run_cycles(machine, joints, control, law, cycles, seed, condition.environment, start, laser)
+    machine, motion, poses, joints, gains, law, start = prepared(condition)
+    ran = run_cycles(machine, joints, gains, law, cycles, seed, condition.environment, start, laser)
     samples, unseen = len(joints), (np.zeros(0), np.zeros((0, len(machine.coordinates))))
     records = [
         CycleRecord(

@@ -71,7 +71,7 @@ def target_tasks(seeds, cycles):
 def random_machine_error(condition, number):
     """Return max dynamic error [m] by cycle, whether the last cycles settle at once, and the monitors' notices."""
     given = prepared(condition)
-    records = drive_one(given.machine, given.joints, given.control, given.law, number, RANDOM_CYCLES)
+    records = drive_one(given.machine, given.joints, given.gains, given.law, number, RANDOM_CYCLES)
     settled = (records.metric('settling_time_5um')[-RANDOM_COUNTED:] == 0).all()
     return records.metric('max_dynamic_error').max(axis=1), bool(settled), records.notices
 
@@ -96,8 +96,8 @@ def _loops():
         margins = []
         for name in (*NAMES, 'xy_stage'):
             machine = load_machine(name)
-            control, models = load_control(machine), load_model(machine)
-            margins += [judge(control[joint], models[joint], machine.sample_time) for joint in machine.joints]
+            gains, models = load_control(machine), load_model(machine)
+            margins += [judge(gains[joint], models[joint], machine.sample_time) for joint in machine.joints]
         gain, phase = (min(getattr(each, name) for each in margins) for name in ('gain_margin', 'phase_margin'))
         peak = max(each.peak_sensitivity for each in margins)
         goal = f'GM >= {limits[0]:g} dB, PM >= {limits[1]:g} deg, Smax <= {limits[2]:g}'

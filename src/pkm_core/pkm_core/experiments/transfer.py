@@ -30,21 +30,21 @@ def moves_never_learned(machine):
 @cache
 def _prepared(name):
     machine = load_machine(name)
-    control = load_control(machine)
+    gains = load_control(machine)
     joints = [to_joints(machine, plan(machine, m)) for m in (training_motion(machine), *moves_never_learned(machine))]
-    law = make_law('basis', machine, control)
-    return machine, control, law, joints[0], [(each, law.with_reference(each)) for each in joints[1:]]
+    law = make_law('basis', machine, gains)
+    return machine, gains, law, joints[0], [(each, law.with_reference(each)) for each in joints[1:]]
 
 
 def transfer(name, seed):
     """Return max dynamic error [m] and settling time to 5 um [s] of the worst axis of each move without learning."""
-    machine, control, law, training, moves = _prepared(name)
-    learned = run_cycles(machine, training, control, law, CYCLES, seed).feedforward[-1]
+    machine, gains, law, training, moves = _prepared(name)
+    learned = run_cycles(machine, training, gains, law, CYCLES, seed).feedforward[-1]
     bound = law.with_reference(training)
     parameters = [bound.parameters(joint, row) for joint, row in zip(machine.joints, learned.T, strict=True)]
     found = []
     for trajectory, there in moves:
         start = [there.feedforward(*each, rested=True) for each in zip(machine.joints, parameters, strict=True)]
-        first = run_cycles(machine, trajectory, control, None, 1, seed + DAY_AFTER, start=np.stack(start, axis=1))
+        first = run_cycles(machine, trajectory, gains, None, 1, seed + DAY_AFTER, start=np.stack(start, axis=1))
         found.append([first.metric(metric).max() for metric in ('max_dynamic_error', 'settling_time_5um')])
     return np.array(found).T

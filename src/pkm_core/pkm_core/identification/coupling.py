@@ -24,7 +24,7 @@ def reaction_voltage(machine, reference, axis):
     return (force - own) / machine.thrust_per_volt
 
 
-def coupling_factor(machine, axis, position, frequency, models, control):
+def coupling_factor(machine, axis, position, frequency, models, gains):
     """
     Return the response (F,) of joint number `axis` over its response with the other joints held at home.
 
@@ -32,7 +32,7 @@ def coupling_factor(machine, axis, position, frequency, models, control):
     their loops the others are held; above it they float, which lowers the effective mass of the axis. Series modes
     cancel.
 
-    `frequency` (F,) is in Hz; `models` and `control` are those of all joints.
+    `frequency` (F,) is in Hz; `models` and `gains` are those of all joints.
     """
     s = 2j * np.pi * frequency
     z = np.exp(s * machine.sample_time)
@@ -47,6 +47,6 @@ def coupling_factor(machine, axis, position, frequency, models, control):
         if other != axis:
             whole = PartialFractions.of(model.viscosity, np.inf, mode_rows(model.modes)).at(s)
             swing = whole * s * (s + model.viscosity)  # H, from the carriage to the encoder
-            stiffness[:, other, other] += drive * control[joint].response(z, machine.sample_time) * swing
+            stiffness[:, other, other] += drive * gains[joint].response(z, machine.sample_time) * swing
     alone = mass[axis] * s * (s + joints[axis].viscosity)
     return alone * np.linalg.inv(stiffness)[:, axis, axis]

@@ -43,12 +43,12 @@ class Experiment:
     bounds: Bounds  # of `joint` during the cycle
 
 
-def experiments(machine, joint, models, control, sweep=None):
-    """Return every `Experiment` for `joint`; `models` and `control` are those of all joints."""
+def experiments(machine, joint, models, gains, sweep=None):
+    """Return every `Experiment` for `joint`; `models` and `gains` are those of all joints."""
     joint_number(machine, joint)
     return [
         slow_moves(machine, joint, models[joint]),
-        *sweeps(machine, joint, models[joint], control[joint], sweep),
+        *sweeps(machine, joint, models[joint], gains[joint], sweep),
     ]
 
 

@@ -10,23 +10,23 @@ from pkm_core.files import writable_folder, write_json
 from pkm_core.machines import load_machine
 
 
-def fit_records(machine, joint, records, models, control, band, folder):
+def fit_records(machine, joint, records, models, gains, band, folder):
     """Return the `AxisIdentification` of a joint from `JointRecord` objects; write its figures into `folder`."""
     from pkm_core.identification.figures import draw_identification
     from pkm_core.identification.identify import identify_joint
 
-    found = identify_joint(machine, joint, records, models, control, band=band)
+    found = identify_joint(machine, joint, records, models, gains, band=band)
     draw_identification(writable_folder(folder), machine, {joint: found})
     return found
 
 
-def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
+def fit_bags(machine_name, joint, bags, namespace, models, gains, band, folder):
     """
     Return (AxisIdentification, warnings) of a joint from the bags of its experiments.
 
     Parameters
     ----------
-    machine : str
+    machine_name : str
         Name or file of the machine.
     joint : str
         Name of the joint.
@@ -34,7 +34,7 @@ def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
         Slow moves and sweeps of that joint.
     namespace : str
         Namespace of the recorded cell.
-    models, control : dict of str to AxisModel, dict of str to RobustGains
+    models, gains : dict of str to AxisModel, dict of str to RobustGains
         Models and gains of all joints during the experiments.
     band : (float, float)
         Band of the sweep [Hz].
@@ -49,32 +49,32 @@ def fit_bags(machine, joint, bags, namespace, models, control, band, folder):
     """
     from pkm_core.identification.bag_data import read_cell_bag
 
-    loaded = load_machine(machine)
+    machine = load_machine(machine_name)
     records, warnings = [], []
     for bag in bags:
-        record, notes = read_cell_bag(loaded, bag, namespace)
+        record, notes = read_cell_bag(machine, bag, namespace)
         records.append(record)
         warnings += notes
-    found = fit_records(loaded, joint, records, models, control, band, folder)
+    found = fit_records(machine, joint, records, models, gains, band, folder)
     return found, [*warnings, *found.warnings]
 
 
-def write_results(folder, machine, found, models, origin):
+def write_results(folder, machine_name, found, models, origin):
     """
     Write identification.json and the model file of {joint: AxisIdentification} into the existing `folder`.
 
     Returns the path of the model file, or None without a sweep of every joint: controllers would read a file without
-    resonances as a rigid axis. `machine` is a name or file; the other arguments are those of `write_model`.
+    resonances as a rigid axis. `machine_name` is a name or file; the other arguments are those of `write_model`.
     """
     from pkm_core.identification.model_file import write_model
     from pkm_core.identification.summary import as_figures
 
-    loaded = load_machine(machine)
-    write_json(folder / 'identification.json', {'machine': loaded.name, 'axes': as_figures(found)})
+    machine = load_machine(machine_name)
+    write_json(folder / 'identification.json', {'machine': machine.name, 'axes': as_figures(found)})
     if any(axis.high is None for axis in found.values()):
         return None
     path = folder / 'model.yaml'
-    write_model(path, loaded, found, models, origin)
+    write_model(path, machine, found, models, origin)
     return path
 
 

@@ -67,7 +67,7 @@ class AxisIdentification:
             ) from None
 
 
-def identify_joint(machine, joint, records, models, control, *, band=None, modes=None):
+def identify_joint(machine, joint, records, models, gains, *, band=None, modes=None):
     """
     Return the `AxisIdentification` of a joint of `machine` from `JointRecord` objects.
 
@@ -83,7 +83,7 @@ def identify_joint(machine, joint, records, models, control, *, band=None, modes
         Experiments of any joints, or ordinary cycles.
     models : dict of str to AxisModel
         Present models: the current loop and number of modes of this joint, the coupling of the others.
-    control : dict of str to RobustGains
+    gains : dict of str to RobustGains
         Gains during the experiments; they enter the coupling.
     band : (float, float), optional
         Band of the sweep [Hz].
@@ -98,13 +98,13 @@ def identify_joint(machine, joint, records, models, control, *, band=None, modes
     """
     moves = [record.axis(machine, joint) for record in records if record.moves_plainly(machine, joint)]
     excited = [record for record in records if record.excites(machine, joint)]
-    responses = [joint_response(machine, joint, record, models, control, band=band) for record in excited]
+    responses = [joint_response(machine, joint, record, models, gains, band=band) for record in excited]
     prior = models[joint]
     modes = modes or len(prior.modes) or _MODES
     return identify_axis(joint, moves, responses, corner=prior.current_loop, delay=LOOP_DELAY, modes=modes)
 
 
-def joint_response(machine, joint, record, models, control, *, band=None):
+def joint_response(machine, joint, record, models, gains, *, band=None):
     """
     Return the `FrequencyResponse` of a joint, corrected to the other joints held at home, from a `JointRecord`.
 
@@ -113,7 +113,7 @@ def joint_response(machine, joint, record, models, control, *, band=None):
     """
     response = estimate_response(record.axis(machine, joint), band)
     axis, position = joint_number(machine, joint), record.excited_position()
-    factor = coupling_factor(machine, axis, position, response.frequency, models, control)
+    factor = coupling_factor(machine, axis, position, response.frequency, models, gains)
     return replace(response, plant=response.plant / factor, deviation=response.deviation / abs(factor))
 
 

@@ -65,7 +65,7 @@ class Request:
         return replace(Sweep(), **asked)
 
 
-def plan(machine, request, models, control):
+def plan(machine, request, models, gains):
     """
     Return {joint: [Experiment]} of a `Request`; all are checked before the first motion.
 
@@ -75,7 +75,7 @@ def plan(machine, request, models, control):
         Machine of the axes.
     request : Request
         Axes and settings.
-    models, control : dict of str to AxisModel, dict of str to RobustGains
+    models, gains : dict of str to AxisModel, dict of str to RobustGains
         Present models and gains of all joints.
 
     Raises
@@ -91,7 +91,7 @@ def plan(machine, request, models, control):
         plans[joint] = [slow_moves(machine, joint, models[joint], stroke=request.stroke)] if request.moves else []
         if request.shakes:
             stations = request.positions or POSITIONS
-            plans[joint] += sweeps(machine, joint, models[joint], control[joint], request.sweep(), stations)
+            plans[joint] += sweeps(machine, joint, models[joint], gains[joint], request.sweep(), stations)
     return plans
 
 

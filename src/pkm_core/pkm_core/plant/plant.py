@@ -80,7 +80,7 @@ class PlantTruth:
 
 class Plant:
     """
-    One simulated specimen of a machine, at home and at rest until the first tick.
+    One simulated machine, at home and at rest until the first tick.
 
     At home the encoders read the home position; the joints are off by the offsets of the reference marks.
 

@@ -46,7 +46,7 @@ class Mode(Config):
 
 
 class Axis(Config):
-    """One driven joint: identified model L_i H_i (7.18)-(7.20) and the deviation of this specimen from it."""
+    """One driven joint: identified model L_i H_i (7.18)-(7.20) and the deviation of the simulated axis from it."""
 
     gain: (
         Annotated[quantity('m/s^2/V'), Field(gt=0.0, description='K_i; absent: thrust over the mass at home')] | None

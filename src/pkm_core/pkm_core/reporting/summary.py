@@ -68,14 +68,14 @@ def cycles_table(machine_name, records):
     return table
 
 
-def _thesis_cells(machine_name, joint, control):
-    """Return the values of the thesis for one joint under `control`, blanks for a machine without a table."""
+def _thesis_cells(machine_name, joint, column):
+    """Return the values of the thesis for one joint in a `column`, blanks for a machine without a table."""
     reported = JOINT_SPACE.get(machine_name)
     if reported is None:
         return '', '', ''
-    column = reported.columns.index(control)
-    error, settling = (reported.values[name][joint][column] for name in ('max_dynamic_error_um', 'settling_5um_ms'))
-    return 'learned' if control == 'robust learning' else control, _or(error, 'lost'), _or(settling, 'lost')
+    index = reported.columns.index(column)
+    error, settling = (reported.values[name][joint][index] for name in ('max_dynamic_error_um', 'settling_5um_ms'))
+    return 'learned' if column == 'robust learning' else column, _or(error, 'lost'), _or(settling, 'lost')
 
 
 def _or(value, otherwise):

@@ -28,7 +28,7 @@ class _Result(NamedTuple):
 
 
 def budget(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     tolerances: TolerancesOption = 'tolerances',
     machines: Annotated[int, typer.Option(min=2, help='Number of machines to build and measure.')] = 10_000,
     poses: Annotated[int, typer.Option(min=1, help='Number of poses over the workspace, the same for all.')] = 64,
@@ -48,16 +48,16 @@ def budget(
     """
     from pkm_core.design.tolerances import load_tolerances
 
-    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
-    result = _compute(console, model, load_tolerances(tolerances), machines, poses, seed, cluster, out)
-    figures = {'machine': model.name, 'tolerances': tolerances, 'machines': machines, 'poses': poses, 'seed': seed}
-    write_figures(json_file, figures | _figures(model, result))
-    _print(console, model, result, machines, poses)
+    console, machine, out = Output(), load_machine(machine_name).drawing, out_folder(out)
+    result = _compute(console, machine, load_tolerances(tolerances), machines, poses, seed, cluster, out)
+    figures = {'machine': machine.name, 'tolerances': tolerances, 'machines': machines, 'poses': poses, 'seed': seed}
+    write_figures(json_file, figures | _figures(machine, result))
+    _print(console, machine, result, machines, poses)
     if out:
         console.plain(f'figures are in {out}')
 
 
-def _compute(console, model, spreads, machines, poses, seed, cluster, out):
+def _compute(console, machine, spreads, machines, poses, seed, cluster, out):
     """Return the `_Result`; figures are drawn into `out` if it is not None."""
     from pkm_core.design.budget import linear_budget
     from pkm_core.design.budget_figures import draw_contributions, draw_distribution, draw_map
@@ -65,35 +65,35 @@ def _compute(console, model, spreads, machines, poses, seed, cluster, out):
 
     with progress_bar(console, -(-machines // MACHINES_A_BLOCK) + 2) as bar:
         bar.step('first order')
-        q = study_poses(model, poses, seed)
-        linear = linear_budget(model, spreads, q)
+        q = study_poses(machine, poses, seed)
+        linear = linear_budget(machine, spreads, q)
         start = time.perf_counter()
         simulated = monte_carlo_budget(
-            model, spreads, q, machines, seed, cluster or None, lambda: bar.step('building and measuring machines')
+            machine, spreads, q, machines, seed, cluster or None, lambda: bar.step('building and measuring machines')
         )
         seconds = time.perf_counter() - start
         if out:
             bar.step('figures')
-            draw_distribution(out, model, linear, simulated)
-            draw_contributions(out, model, linear)
-            draw_map(out, model, spreads, seed)
+            draw_distribution(out, machine, linear, simulated)
+            draw_contributions(out, machine, linear)
+            draw_map(out, machine, spreads, seed)
     return _Result(linear, simulated, seconds)
 
 
-def _scale(model):
+def _scale(machine):
     """Return the factors (m,) from SI to the units that are printed."""
     import numpy as np
 
     from pkm_core.design.units import units
 
-    return np.array([factor for factor, _ in units(model)])
+    return np.array([factor for factor, _ in units(machine)])
 
 
-def _errors(model, result):
+def _errors(machine, result):
     """Return {what: error (m,)} in the units that are printed."""
     import numpy as np
 
-    scale, linear, simulated = _scale(model), result.linear, result.simulated
+    scale, linear, simulated = _scale(machine), result.linear, result.simulated
     return {
         'linear, deviation': scale * np.sqrt(np.mean(linear.total() ** 2, axis=0)),
         'linear, at the worst pose': scale * linear.total().max(axis=0),
@@ -105,16 +105,16 @@ def _errors(model, result):
     }
 
 
-def _figures(model, result):
+def _figures(machine, result):
     from pkm_core.design.units import units
 
-    names = [f'{name}_{unit}' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
-    scale = _scale(model)
+    names = [f'{name}_{unit}' for name, (_, unit) in zip(machine.coordinates, units(machine), strict=True)]
+    scale = _scale(machine)
     return {
         'seconds': result.seconds,
-        'error': {title: dict(zip(names, row, strict=True)) for title, row in _errors(model, result).items()},
+        'error': {title: dict(zip(names, row, strict=True)) for title, row in _errors(machine, result).items()},
         'shares_of_variance': {
-            group: dict(zip(model.coordinates, row, strict=True)) for group, row in result.linear.shares().items()
+            group: dict(zip(machine.coordinates, row, strict=True)) for group, row in result.linear.shares().items()
         },
         'sources': {
             name: dict(zip(names, scale * row, strict=True)) for name, row in result.linear.source_deviations().items()
@@ -122,15 +122,15 @@ def _figures(model, result):
     }
 
 
-def _print(console, model, result, machines, poses):
+def _print(console, machine, result, machines, poses):
     from pkm_core.design.units import units
 
-    headings = [f'{name} [{unit}]' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
-    title = f'{model.name}: end-point error, {machines} machines at {poses} poses'
-    console.print(_table(title, headings, _errors(model, result)))
+    headings = [f'{name} [{unit}]' for name, (_, unit) in zip(machine.coordinates, units(machine), strict=True)]
+    title = f'{machine.name}: end-point error, {machines} machines at {poses} poses'
+    console.print(_table(title, headings, _errors(machine, result)))
     shares = {group: 100.0 * row for group, row in result.linear.shares().items()}
-    console.print(_table('share of the variance, linear', [f'{name} [%]' for name in model.coordinates], shares))
-    sources = {name: _scale(model) * row for name, row in result.linear.source_deviations().items()}
+    console.print(_table('share of the variance, linear', [f'{name} [%]' for name in machine.coordinates], shares))
+    sources = {name: _scale(machine) * row for name, row in result.linear.source_deviations().items()}
     console.print(_table('what each source gives alone, linear deviation', headings, sources))
     console.print(f'{machines} machines simulated in {result.seconds:.2f} s')
 

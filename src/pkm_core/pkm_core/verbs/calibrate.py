@@ -20,7 +20,7 @@ from pkm_core.verbs.options import (
 
 
 def calibrate(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     measurements: Annotated[
         Path | None, typer.Option(help='CSV file of laser measurements; default: a machine is simulated.')
     ] = None,
@@ -46,35 +46,35 @@ def calibrate(
     from pkm_core.design.tolerances import load_tolerances
     from pkm_core.design.units import units
 
-    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
+    console, machine, out = Output(), load_machine(machine_name).drawing, out_folder(out)
     spreads, beam = load_tolerances(tolerances), load_laser(laser)
     with progress_bar(console, 3) as bar:
         bar.step('measurements')
         if measurements is None:
-            simulated, source = simulate_machine(model, spreads, beam, poses, seed), f'a simulation with seed {seed}'
+            simulated, source = simulate_machine(machine, spreads, beam, poses, seed), f'a simulation with seed {seed}'
             seen = simulated.measurements
         else:
-            simulated, source, seen = None, str(measurements), read_measurements(measurements, model)
+            simulated, source, seen = None, str(measurements), read_measurements(measurements, machine)
         bar.step('estimate')
-        study = study_calibration(model, seen, spreads, beam)
-        rows = _errors(model, study, simulated)
+        study = study_calibration(machine, seen, spreads, beam)
+        rows = _errors(machine, study, simulated)
         if out:
             bar.step('files')
-            rows |= _write(out, machine, model, study, simulated, source)
-    scale = [factor for factor, _ in units(model)]
+            rows |= _write(out, machine_name, machine, study, simulated, source)
+    scale = [factor for factor, _ in units(machine)]
     rows = {name: row * scale for name, row in rows.items()}
-    write_figures(json_file, _figures(model, study, simulated, source, rows))
+    write_figures(json_file, _figures(machine, study, simulated, source, rows))
     found = study.calibration
     console.print(_parameters_table(found, simulated))
     for value, parts in found.identifiability.hardly_known():
         mix = ' '.join(f'{part:+.2f} {name}' for name, part in parts.items())
         console.print(f'hardly known, singular value {value:.2g}: {mix} (in tolerances)')
-    console.print(_errors_table(model, rows, len(study.held.q)))
+    console.print(_errors_table(machine, rows, len(study.held.q)))
     console.print(f'{len(study.used.q)} poses used, residuals {found.misfit:.2f} of the noise')
     if found.misfit > 1.5:
         console.print('The residuals exceed the noise: the machine has errors outside this model.')
     if out:
-        console.plain(f'the calibrated machine is {_file(out, model)}; the figure is in {out}')
+        console.plain(f'the calibrated machine is {_file(out, machine)}; the figure is in {out}')
 
 
 def _rms(errors):
@@ -83,7 +83,7 @@ def _rms(errors):
     return np.sqrt(np.mean(errors**2, axis=0))
 
 
-def _errors(model, study, simulated):
+def _errors(machine, study, simulated):
     """Return {what: error (m,)} [m, rad], one entry per row of the table."""
     rows = {
         'laser and encoder noise': study.noise,
@@ -94,38 +94,38 @@ def _errors(model, study, simulated):
     }
     if simulated:
         calibrated = study.calibration.machine
-        rows['sent to 500 other poses, drawing'] = _rms(simulated.sent(model, model.inverse))
-        rows['sent to 500 other poses, calibrated'] = _rms(simulated.sent(model, calibrated.inverse))
+        rows['sent to 500 other poses, drawing'] = _rms(simulated.sent(machine, machine.inverse))
+        rows['sent to 500 other poses, calibrated'] = _rms(simulated.sent(machine, calibrated.inverse))
     return rows
 
 
-def _file(out, model):
-    return out / 'calibrated' / f'{model.name}.yaml'
+def _file(out, machine):
+    return out / 'calibrated' / f'{machine.name}.yaml'
 
 
-def _write(out, machine, model, study, simulated, source):
+def _write(out, machine_name, machine, study, simulated, source):
     """Write every file and return {what: error (m,)} [m, rad] of the written machine file, loaded again."""
     from pkm_core.design.calibration import prediction_errors
     from pkm_core.design.calibration_figures import draw_calibration
     from pkm_core.design.calibration_file import write_calibrated_machine
     from pkm_core.design.measurement import write_measurements
 
-    path = _file(out, model)
+    path = _file(out, machine)
     writable_folder(path.parent)
-    write_calibrated_machine(path, machine, study.calibration, source)
+    write_calibrated_machine(path, machine_name, study.calibration, source)
     draw_calibration(out, study, simulated.errors if simulated else None)
     if simulated:
-        write_measurements(out / 'measurements.csv', model, simulated.measurements)
+        write_measurements(out / 'measurements.csv', machine, simulated.measurements)
     return {'calibrated machine file': _rms(prediction_errors(load_machine(path).forward, study.held))}
 
 
-def _figures(model, study, simulated, source, rows):
+def _figures(machine, study, simulated, source, rows):
     from pkm_core.design.units import units
 
-    names = [f'{name}_{unit}' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
+    names = [f'{name}_{unit}' for name, (_, unit) in zip(machine.coordinates, units(machine), strict=True)]
     found = study.calibration
     return {
-        'machine': model.name,
+        'machine': machine.name,
         'source': source,
         'poses_used': len(study.used.q),
         'poses_held_out': len(study.held.q),
@@ -153,9 +153,9 @@ def _parameters_table(found, simulated):
     return table('deviation from the drawing [um]', ['', *columns], rows)
 
 
-def _errors_table(model, rows, held):
+def _errors_table(machine, rows, held):
     from pkm_core.design.units import units
 
-    headings = [f'{name} [{unit}]' for name, (_, unit) in zip(model.coordinates, units(model), strict=True)]
+    headings = [f'{name} [{unit}]' for name, (_, unit) in zip(machine.coordinates, units(machine), strict=True)]
     cells = [(title, *(f'{value:.3f}' for value in row)) for title, row in rows.items()]
     return table(f'end-point error at {held} poses not used, root mean square', ['', *headings], cells)

@@ -17,7 +17,7 @@ from pkm_core.verbs.options import (
 
 
 def convergence(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     law: LawOption = 'fourier',
     controller: ControllerOption = 'robust',
     out: OutOption = None,
@@ -33,12 +33,12 @@ def convergence(
     """
     from pkm_core.learning.convergence_report import convergence_figures, convergence_table, plot_convergence
 
-    console, model, out = Output(), load_machine(machine), out_folder(out)
-    figures = convergence_figures(untested_law(law, model, robust_gains(model, controller)))
-    loops = find_control(model, controller)[1].stem
+    console, machine, out = Output(), load_machine(machine_name), out_folder(out)
+    figures = convergence_figures(untested_law(law, machine, robust_gains(machine, controller)))
+    loops = find_control(machine, controller)[1].stem
     title = f'learning law {law} on the loops of {loops}'
     refused = [joint for joint, row in figures.items() if not row['converges']]
-    write_figures(json_file, {'machine': model.name, 'control': loops, 'law': law, 'joints': figures})
+    write_figures(json_file, {'machine': machine.name, 'control': loops, 'law': law, 'joints': figures})
     console.print(convergence_table(title, figures))
     console.print(f'diverges on {", ".join(refused)}: refused by the cell' if refused else 'converges on all models')
     if out:

@@ -14,7 +14,7 @@ _ROWS = {  # heading: (key, factor, figure of the thesis)
 }
 
 
-def drive_response(machine: MachineOption = 'four_dof', out: OutOption = None, json_file: JsonOption = None):
+def drive_response(machine_name: MachineOption = 'four_dof', out: OutOption = None, json_file: JsonOption = None):
     """
     Compute the frequency response of the current loop from its equations and by swept sine from 100 Hz to 10 kHz.
 
@@ -25,14 +25,14 @@ def drive_response(machine: MachineOption = 'four_dof', out: OutOption = None, j
     from pkm_core.experiments.drive_response import draw, figures, sweep
     from pkm_core.plant.plant import Plant
 
-    console, model, out = Output(), load_machine(machine), out_folder(out)
-    drive = Plant(model, 0, 'ideal').truth.drive
+    console, machine, out = Output(), load_machine(machine_name), out_folder(out)
+    drive = Plant(machine, 0, 'ideal').truth.drive
     result = figures(drive)
     rows = [
         (heading, *(f'{factor * result[way][key]:.3f}' for way in ('equations', 'swept_sine')), thesis)
         for heading, (key, factor, thesis) in _ROWS.items()
     ]
-    title = f'current loop of {model.name}, (6.1)-(6.3), Fig. 6.10'
+    title = f'current loop of {machine.name}, (6.1)-(6.3), Fig. 6.10'
     console.print(table(title, ['', 'equations', 'swept sine', 'thesis'], rows))
     frequencies, equations, measured = sweep(drive)
     if out:
@@ -42,4 +42,4 @@ def drive_response(machine: MachineOption = 'four_dof', out: OutOption = None, j
         way: {'gain_db': 20.0 * np.log10(np.abs(response / response[0])), 'phase_deg': np.degrees(np.angle(response))}
         for way, response in (('equations', equations), ('swept_sine', measured))
     }
-    write_figures(json_file, {'machine': model.name, **result, 'sweep': {'frequency_hz': frequencies, **responses}})
+    write_figures(json_file, {'machine': machine.name, **result, 'sweep': {'frequency_hz': frequencies, **responses}})

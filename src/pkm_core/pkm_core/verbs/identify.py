@@ -37,7 +37,7 @@ BAND, VOLTAGE, JOG = Sweep().band, Sweep().voltage, 1e3 * Sweep().speed
 
 
 def identify(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     joint: JointsOption = None,
     seed: SeedOption = 1,
     environment: EnvironmentOption = 'nominal',
@@ -66,11 +66,11 @@ def identify(
     from pkm_core.identification.summary import as_figures, show
     from pkm_core.simulation.experiment import SimulatedCell
 
-    console, system, out = Output(), load_machine(machine), out_folder(out)
-    believed, gains = load_model(system), robust_gains(system, controller)
+    console, machine, out = Output(), load_machine(machine_name), out_folder(out)
+    believed, gains = load_model(machine), robust_gains(machine, controller)
     request = Request(tuple(joint or ()), 'both', positions, band, voltage, 1e-3 * jog, 1e-3 * stroke)
-    plans = plan(system, request, believed, gains)
-    cell = SimulatedCell(system, gains, seed, environment)
+    plans = plan(machine, request, believed, gains)
+    cell = SimulatedCell(machine, gains, seed, environment)
     found = {}
     with progress_bar(console, sum(len(of_axis) + 1 for of_axis in plans.values())) as bar:
         for name, of_axis in plans.items():
@@ -79,15 +79,15 @@ def identify(
                 bar.step(experiment.name)
                 records.append(cell.run(experiment))
             bar.step(f'{name}: fit')
-            found[name] = identify_joint(system, name, records, believed, gains, band=band, modes=modes)
-    show(console, f'{system.name}, seed {seed}, {environment}', found)
+            found[name] = identify_joint(machine, name, records, believed, gains, band=band, modes=modes)
+    show(console, f'{machine.name}, seed {seed}, {environment}', found)
     write_figures(json_file, {
-        'machine': system.name, 'seed': seed, 'environment': environment, 'band_Hz': band,
+        'machine': machine.name, 'seed': seed, 'environment': environment, 'band_Hz': band,
         'ticks': sum(len(experiment.trajectory) for of_axis in plans.values() for experiment in of_axis),
         'axes': as_figures(found),
     })  # fmt: skip
     if out:
-        origin = f'pkm identify --machine {machine} --seed {seed} --environment {environment}'
-        write_model(out / 'model.yaml', system, found, believed, origin)
-        draw_identification(out, system, found)
+        origin = f'pkm identify --machine {machine_name} --seed {seed} --environment {environment}'
+        write_model(out / 'model.yaml', machine, found, believed, origin)
+        draw_identification(out, machine, found)
         console.plain(f'model.yaml and figures are in {out}')

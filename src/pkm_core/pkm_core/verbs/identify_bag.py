@@ -24,7 +24,7 @@ from pkm_core.verbs.options import (
 
 def identify_bag(
     bags: Annotated[list[Path], typer.Argument(help='Bags of this cell, or bags that have the topics of the options.')],
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     joint: JointsOption = None,
     namespace: NamespaceOption = '/pkm',
     controller: ControllerOption = 'robust',
@@ -72,8 +72,8 @@ def identify_bag(
     from pkm_core.identification.summary import as_figures, show
 
     console, out = Output(), out_folder(out)
-    system = None if input_topic else load_machine(machine)
-    if system is None:
+    machine = None if input_topic else load_machine(machine_name)
+    if machine is None:
         if not output_topic:
             raise PkmError('--output-topic: is missing; --input-topic names a foreign axis, which needs both')
         signals = {
@@ -86,37 +86,37 @@ def identify_bag(
         title = f'{output_topic} {output_field} over {input_topic} {input_field}'
         units = {'gain_unit': 'SI'}
     else:
-        found, notes, believed = _cell(system, bags, joint, namespace, controller, band, modes)
-        title, units = f'{system.name}, {len(bags)} bags', {}
+        found, notes, believed = _cell(machine, bags, joint, namespace, controller, band, modes)
+        title, units = f'{machine.name}, {len(bags)} bags', {}
     show(console, title, found, notes, **units)
     write_figures(json_file, {'bags': [str(bag) for bag in bags], 'notes': notes, 'axes': as_figures(found)})
     if out:
-        if system is not None:
+        if machine is not None:
             from pkm_core.identification.model_file import write_model
 
-            write_model(out / 'model.yaml', system, found, believed, 'pkm identify-bag ' + ' '.join(map(str, bags)))
-        draw_identification(out, system, found)
+            write_model(out / 'model.yaml', machine, found, believed, 'pkm identify-bag ' + ' '.join(map(str, bags)))
+        draw_identification(out, machine, found)
         console.plain(f'results are in {out}')
 
 
-def _cell(system, bags, joints, namespace, controller, band, modes):
+def _cell(machine, bags, joints, namespace, controller, band, modes):
     """Return the identified axes of a machine of this cell, warnings about the bags, and the models of config."""
     from pkm_core.control.model import load_model
     from pkm_core.identification.bag_data import read_cell_bag
     from pkm_core.identification.identify import identify_joint
 
-    believed, gains = load_model(system), robust_gains(system, controller)
+    believed, gains = load_model(machine), robust_gains(machine, controller)
     records, notes = [], []
     for bag in bags:
-        record, warnings = read_cell_bag(system, bag, namespace)
+        record, warnings = read_cell_bag(machine, bag, namespace)
         records.append(record)
         notes += warnings
     found = {}
-    for joint in joints or system.joints:
-        if joints or any(record.moves_plainly(system, joint) for record in records):
-            found[joint] = identify_joint(system, joint, records, believed, gains, band=band, modes=modes)
+    for joint in joints or machine.joints:
+        if joints or any(record.moves_plainly(machine, joint) for record in records):
+            found[joint] = identify_joint(machine, joint, records, believed, gains, band=band, modes=modes)
     if not found:
-        raise PkmError(f'{system.name}: no axis moves without excitation in these bags; K and a need plain moves')
+        raise PkmError(f'{machine.name}: no axis moves without excitation in these bags; K and a need plain moves')
     return found, notes, believed
 
 

@@ -15,7 +15,7 @@ from pkm_core.verbs.options import (
 
 
 def margins(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     controller: ControllerOption = 'robust',
     out: OutOption = None,
     json_file: JsonOption = None,
@@ -34,34 +34,34 @@ def margins(
     from pkm_core.control.margins import stability_margins, worst_margins
     from pkm_core.control.model import load_model
 
-    console, system, out = Output(), load_machine(machine), out_folder(out)
-    models, gains = load_model(system), choose_control(system, controller)
+    console, machine, out = Output(), load_machine(machine_name), out_folder(out)
+    models, gains = load_model(machine), choose_control(machine, controller)
     kind = kind_of(gains)
-    laws = gains if kind == 'robust' else {joint: gains[joint].pid(models[joint]) for joint in system.joints}
+    laws = gains if kind == 'robust' else {joint: gains[joint].pid(models[joint]) for joint in machine.joints}
     found = {
         joint: {
-            'nominal': stability_margins(laws[joint], models[joint], system.sample_time),
-            'worst': worst_margins(laws[joint], models[joint], system.sample_time),
+            'nominal': stability_margins(laws[joint], models[joint], machine.sample_time),
+            'worst': worst_margins(laws[joint], models[joint], machine.sample_time),
         }
-        for joint in system.joints
+        for joint in machine.joints
     }
     results = {
-        'machine': system.name,
+        'machine': machine.name,
         'law': kind,
-        'control': system.name if controller in KINDS else controller,
+        'control': machine.name if controller in KINDS else controller,
         'axes': {joint: {case: asdict(m) for case, m in cases.items()} for joint, cases in found.items()},
     }
-    console.print(margins_table(f'{system.name}, {kind}', found))
+    console.print(margins_table(f'{machine.name}, {kind}', found))
     if kind == 'computed_torque':
-        results['natural_frequency_limits_Hz'] = _torque_limits(console, system, gains, models, out)
+        results['natural_frequency_limits_Hz'] = _torque_limits(console, machine, gains, models, out)
     write_figures(json_file, results)
     if out:
         from pkm_core.control.margin_plots import model_loops, plot_margins
 
-        for joint in system.joints:
+        for joint in machine.joints:
             path = out / f'margins_{joint}.png'
-            title = f'{system.name} {joint}, {kind}; thin: perturbed models'
-            plot_margins(path, title, *model_loops(laws[joint], models[joint], system.sample_time))
+            title = f'{machine.name} {joint}, {kind}; thin: perturbed models'
+            plot_margins(path, title, *model_loops(laws[joint], models[joint], machine.sample_time))
         console.plain(f'figures are in {out}')
 
 
@@ -85,7 +85,7 @@ def margins_table(title, found):
     return table(title, ['axis', '', *columns], rows, align='llr')
 
 
-def _torque_limits(console, system, gains, models, out):
+def _torque_limits(console, machine, gains, models, out):
     """Print and return the natural frequencies at which computed torque loses its margins, with and without modes."""
     import numpy as np
 
@@ -96,7 +96,7 @@ def _torque_limits(console, system, gains, models, out):
     scans, limits, rows = {}, {}, []
     for joint, model in models.items():
         rigid = model.model_copy(update={'modes': ()})
-        scans[joint] = [scan(gains[joint], m, system.sample_time, config, tried) for m in (model, rigid)]
+        scans[joint] = [scan(gains[joint], m, machine.sample_time, config, tried) for m in (model, rigid)]
         limits[joint] = {'with modes': limits_of(scans[joint][0]), 'rigid': limits_of(scans[joint][1])}
         for case, found in limits[joint].items():
             now = f'{gains[joint].natural_frequency:g}' if case == 'with modes' else ''
@@ -106,5 +106,5 @@ def _torque_limits(console, system, gains, models, out):
     if out:
         from pkm_core.control.margin_plots import plot_torque_limits
 
-        plot_torque_limits(out / 'torque_limits.png', f'{system.name}: computed torque', scans)
+        plot_torque_limits(out / 'torque_limits.png', f'{machine.name}: computed torque', scans)
     return limits

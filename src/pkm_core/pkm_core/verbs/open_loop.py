@@ -10,7 +10,7 @@ from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, SeedOpt
 
 
 def open_loop(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     environment: Annotated[
         str | None,
         typer.Option(
@@ -38,27 +38,27 @@ def open_loop(
     from pkm_core.experiments.open_loop import CASES, integrate, play
     from pkm_core.experiments.open_loop_report import REFERENCE, draw, draw_belts, figures, write_csv
 
-    console, model, out = Output(), load_machine(machine), out_folder(out)
+    console, machine, out = Output(), load_machine(machine_name), out_folder(out)
     responses, results = {}, {}
     with progress_bar(console, len(CASES)) as bar:
         for name, case in CASES.items():
             bar.step(f'case {case.title}')
-            responses[name] = {'rigid': integrate(model, case)}
+            responses[name] = {'rigid': integrate(machine, case)}
             if belts is not None:
-                responses[name]['belts'] = integrate(model, case, belts)
+                responses[name]['belts'] = integrate(machine, case, belts)
             if environment is not None:
-                responses[name][environment] = play(model, case, seed, environment)
-            results[name] = {kind: figures(model, case, each) for kind, each in responses[name].items()}
-            if model.name == 'four_dof':
+                responses[name][environment] = play(machine, case, seed, environment)
+            results[name] = {kind: figures(machine, case, each) for kind, each in responses[name].items()}
+            if machine.name == 'four_dof':
                 results[name] = {'reference': REFERENCE[name], **results[name]}
             if out:
-                draw(out, name, model, case, responses[name])
+                draw(out, name, machine, case, responses[name])
                 bending = {kind: each for kind, each in responses[name].items() if each.belts is not None}
                 if bending:
-                    draw_belts(out, name, model, case, bending)
+                    draw_belts(out, name, machine, case, bending)
                 for kind, each in responses[name].items():
-                    write_csv(out / f'open_loop_{name}_{kind}.csv', model, each)
-    write_figures(json_file, {'machine': model.name, 'seed': seed, 'belt_stiffness': belts, 'cases': results})
+                    write_csv(out / f'open_loop_{name}_{kind}.csv', machine, each)
+    write_figures(json_file, {'machine': machine.name, 'seed': seed, 'belt_stiffness': belts, 'cases': results})
     console.print(_table('two periods from rest at home; amplitude about the drift', results, CASES, JOINTS))
     console.print(_table('end point', results, CASES, END_POINT))
     bent = {name: {kind: row for kind, row in rows.items() if 'belts' in row} for name, rows in results.items()}

@@ -30,7 +30,7 @@ def _laws():
 
 LAWS = f'Learning law: {_laws()}'
 
-MachineOption = Annotated[str, typer.Option(help='Machine of config/machines, or a YAML file.')]
+MachineOption = Annotated[str, typer.Option('--machine', help='Machine of config/machines, or a YAML file.')]
 MotionOption = Annotated[str, typer.Option(help="Motion of config/motions, or a YAML file; '' is the machine's own.")]
 ControllerOption = Annotated[
     str, typer.Option(help="Gains: robust or computed_torque (the machine's own), a file of config, or a YAML file.")

@@ -18,7 +18,7 @@ from pkm_core.verbs.options import (
 
 
 def singularity(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     tolerance: Annotated[
         float,
         typer.Option(
@@ -48,28 +48,28 @@ def singularity(
     from pkm_core.design.singularity import certificate, conditioning
     from pkm_core.design.workspace import sample_joints
 
-    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
+    console, machine, out = Output(), load_machine(machine_name).drawing, out_folder(out)
     with progress_bar(console, 3) as bar:
         bar.step('proof over boxes of joint positions')
-        bounds = certificate(model, tolerance)
+        bounds = certificate(machine, tolerance)
         bar.step('conditioning')
-        q = sample_joints(model, samples, seed)
-        determinant = np.linalg.det(model.jacobian(q))
-        condition = conditioning(model, q, 1e-3 * length)
+        q = sample_joints(machine, samples, seed)
+        determinant = np.linalg.det(machine.jacobian(q))
+        condition = conditioning(machine, q, 1e-3 * length)
         if out:
             from pkm_core.design.singularity_figures import draw_factors, draw_maps
 
             bar.step('maps')
-            draw_maps(out, model.forward(q), determinant, condition, 1e-3 * length)
-            if model.config.mechanism == 'four_dof':
-                draw_factors(out, model)
+            draw_maps(out, machine.forward(q), determinant, condition, 1e-3 * length)
+            if machine.config.mechanism == 'four_dof':
+                draw_factors(out, machine)
     figures = {
-        'machine': model.name,
+        'machine': machine.name,
         'proven_regular': True,
         'certificate': {name: bound._asdict() for name, bound in bounds.items()},
         'boxes': sum(bound.boxes for bound in bounds.values()),
         'determinant_sampled': [determinant.min(), determinant.max()],
-        'determinant_home': np.linalg.det(model.jacobian(model.home)),
+        'determinant_home': np.linalg.det(machine.jacobian(machine.home)),
         'condition_sampled': {'least': condition.min(), 'median': np.median(condition), 'worst': condition.max()},
         'angles_at_mm': length,
         'samples': samples,
@@ -81,7 +81,7 @@ def singularity(
         proven = np.floor(1e5 * scale * bound.proven) / 1e5  # a bound is not rounded up
         rows.append((name, f'{proven:.5f}{unit}', f'{scale * bound.attained:.5f}{unit}', str(bound.boxes)))
     headings = ['quantity', 'proven above', 'attained', 'boxes']
-    console.print(table(f'{model.name}: lower bounds over the whole travel', headings, rows))
+    console.print(table(f'{machine.name}: lower bounds over the whole travel', headings, rows))
     console.print(f'No singular position within the travel: proven with {figures["boxes"]} boxes.')
     console.print(
         f'{samples} samples: det J {determinant.min():.4g} to {determinant.max():.4g} (SI), condition number '

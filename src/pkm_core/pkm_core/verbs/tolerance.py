@@ -28,7 +28,7 @@ class Result(NamedTuple):
 
 
 def tolerance(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     workspace: Annotated[
         str, typer.Option(help='Operational workspace of config/design, or a YAML file.')
     ] = 'chapter4',
@@ -56,27 +56,27 @@ def tolerance(
     from pkm_core.design.operational_workspace import load_operational_workspace
     from pkm_core.verbs.tolerance_tables import figures
 
-    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
-    result = _compute(console, model, load_operational_workspace(workspace), arm, samples, seed, out)
-    write_figures(json_file, figures(model, workspace, arm, result))
+    console, machine, out = Output(), load_machine(machine_name).drawing, out_folder(out)
+    result = _compute(console, machine, load_operational_workspace(workspace), arm, samples, seed, out)
+    write_figures(json_file, figures(machine, workspace, arm, result))
     # the thesis printed its tables for this workspace and this arm
-    _print(console, model, result, printed=workspace == 'chapter4' and arm == 1.0)
+    _print(console, machine, result, printed=workspace == 'chapter4' and arm == 1.0)
     if out:
         console.plain(f'figures are in {out}')
 
 
-def _compute(console, model, W, arm, samples, seed, out):
+def _compute(console, machine, W, arm, samples, seed, out):
     """Return the `Result`; `arm` is in mm, and figures are drawn into `out` if it is not None."""
     from pkm_core.design.objectives import reachable_magnification
     from pkm_core.design.optimisation import pareto_front
     from pkm_core.design.tolerance_study import against_differences, design_on_workspace, study_tolerance
 
     with progress_bar(console, 15) as bar:
-        design = design_on_workspace(model, W, 1e-3 * arm)
+        design = design_on_workspace(machine, W, 1e-3 * arm)
         study = study_tolerance(W, 1e-3 * arm, bar.step)
         bar.step('all that the machine reaches')
-        differences = against_differences(model, seed)
-        reachable = reachable_magnification(model, samples, seed, 1e-3 * arm)
+        differences = against_differences(machine, seed)
+        reachable = reachable_magnification(machine, samples, seed, 1e-3 * arm)
         bar.step('Pareto front')
         front = pareto_front(W, W.workspace.poses(), arm=1e-3 * arm)
         if out:
@@ -85,11 +85,11 @@ def _compute(console, model, W, arm, samples, seed, out):
             bar.step('figures')
             draw_objectives(out, W, study, 1e-3 * arm)
             draw_norms(out, W, study, 1e-3 * arm)
-            draw_pareto(out, front, model, design)
+            draw_pareto(out, front, machine, design)
     return Result(study, design, reachable, front, differences)
 
 
-def _print(console, model, result, printed):
+def _print(console, machine, result, printed):
     """Print the tables; `printed`: whether the thesis's values belong to the options."""
     from pkm_core.verbs.tolerance_tables import design_table, objectives_table, reachable_table, statistics_table
 
@@ -97,8 +97,8 @@ def _print(console, model, result, printed):
     console.print(objectives_table(study, printed))
     for title in study.designs:
         console.print(statistics_table(title, study, printed))
-    console.print(design_table(model, result.design))
-    console.print(reachable_table(model, result.reachable))
+    console.print(design_table(machine, result.design))
+    console.print(reachable_table(machine, result.reachable))
     x, y, z, _ = result.differences['thesis']
     console.print(
         'Largest difference from finite differences of the mechanism: '

@@ -43,9 +43,9 @@ def statistics_table(title, study, printed):
     return table(heading, ['error', *STATISTICS], rows)
 
 
-def design_table(model, design):
+def design_table(machine, design):
     """Return the objectives of the machine's own link lengths on the operational workspace."""
-    geometry = model.config.geometry
+    geometry = machine.config.geometry
     rows = [
         (f'em_{variant}', *(f'{values[name]:.5g}' for name in ('f', 'f1', 'f2')), f'{1e3 * values["size"]:.1f}')
         for variant, values in design.values.items()
@@ -55,25 +55,25 @@ def design_table(model, design):
         + ('' if low >= lower and high <= upper else f' (travel {1e3 * lower:g} to {1e3 * upper:g})')
         for name, low, high, lower, upper in design.joints_needed
     )
-    title = f'{model.name} on W, all angles: l = {1e3 * geometry.l2:g} mm, k = {1e3 * geometry.k10:g} mm'
+    title = f'{machine.name} on W, all angles: l = {1e3 * geometry.l2:g} mm, k = {1e3 * geometry.k10:g} mm'
     return table(title, ['', 'f', 'f1', 'f2', 'size [mm]'], rows, caption=caption)
 
 
-def reachable_table(model, reachable):
+def reachable_table(machine, reachable):
     """Return the magnification of link errors over all positions that the machine reaches."""
     squares, together, worst = reachable
     rows = [('sum of squared singular values', *_span(squares))]
     for title, errors in (('links +1 um', together), ('links +-1 um, worst signs', worst)):
-        for name, column in zip(model.coordinates, 1e6 * errors.T, strict=True):
+        for name, column in zip(machine.coordinates, 1e6 * errors.T, strict=True):
             rows.append((f'{title}: {name} [{"urad" if name == "phi" else "um"}]', *_span(column)))
-    return table(f'{model.name} over all it reaches, em_true', ['', 'least', 'mean', 'most'], rows)
+    return table(f'{machine.name} over all it reaches, em_true', ['', 'least', 'mean', 'most'], rows)
 
 
 def _span(values):
     return [f'{value:.3g}' for value in (values.min(), values.mean(), values.max())]
 
 
-def figures(model, workspace, arm, result):
+def figures(machine, workspace, arm, result):
     """Return every figure of the `Result` as nested dicts; `workspace` and `arm` [mm] are the options of the verb."""
     study, design, front = result.study, result.design, result.front
     squares, together, worst = result.reachable
@@ -82,7 +82,7 @@ def figures(model, workspace, arm, result):
         return {'least': values.min(axis=0), 'mean': values.mean(axis=0), 'most': values.max(axis=0)}
 
     return {
-        'machine': model.name,
+        'machine': machine.name,
         'workspace': workspace,
         'arm_mm': arm,
         'objectives': [

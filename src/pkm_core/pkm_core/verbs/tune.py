@@ -23,7 +23,7 @@ from pkm_core.verbs.options import (
 
 def tune(
     out: Annotated[Path, typer.Option(help='Folder for the recommended gains, all candidates and figures.')],
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     tuning: TuningOption = 'robust',
     seed: SeedOption = 1,
     processes: ProcessesOption = 0,
@@ -46,29 +46,29 @@ def tune(
     from pkm_core.tuning.config import load_tuning
     from pkm_core.tuning.tune import tune as run
 
-    console, system, config = Output(), load_machine(machine), load_tuning(tuning)
+    console, machine, config = Output(), load_machine(machine_name), load_tuning(tuning)
     total = config.search.generations * config.search.restarts
-    names = [f'{joint} generations' for joint in system.joints]
+    names = [f'{joint} generations' for joint in machine.joints]
     with progress_bars(console, names, total, keep=True) as bars, search_executor(processes, cluster) as executor:
 
         def on_progress(branches):
-            for joint, bar in zip(system.joints, bars, strict=True):
+            for joint, bar in zip(machine.joints, bars, strict=True):
                 done = sum(branch.generations for branch in branches if branch.joint == joint)
                 bar.show(min(done, total))
 
-        found = run(system, config, seed, executor, out, resume=resume, on_progress=on_progress)
+        found = run(machine, config, seed, executor, out, resume=resume, on_progress=on_progress)
     console.print(
-        margins_table(f'{system.name}, tuned', {j: {'nominal': a.margins, 'worst': a.worst} for j, a in found.items()})
+        margins_table(f'{machine.name}, tuned', {j: {'nominal': a.margins, 'worst': a.worst} for j, a in found.items()})
     )
-    _write_files(out, system, found)
+    _write_files(out, machine, found)
     console.print(_objectives(found))
-    console.plain(f'gains are in {out / system.name}.yaml; search.npz, table.md and figures are beside it')
+    console.plain(f'gains are in {out / machine.name}.yaml; search.npz, table.md and figures are beside it')
     write_figures(
         json_file,
         {
-            'machine': system.name,
+            'machine': machine.name,
             'seed': seed,
-            'control': str(out / f'{system.name}.yaml'),
+            'control': str(out / f'{machine.name}.yaml'),
             'axes': {
                 joint: {
                     'objective': axis.objective,
@@ -83,15 +83,15 @@ def tune(
     )
 
 
-def _write_files(out, system, found):
+def _write_files(out, machine, found):
     """Write table.md and one figure per axis into `out`."""
     from pkm_core.control.margin_plots import model_loops, plot_margins
     from pkm_core.thesis.gains import table_markdown
 
-    write_text(out / 'table.md', table_markdown(system.name, {joint: axis.column for joint, axis in found.items()}))
+    write_text(out / 'table.md', table_markdown(machine.name, {joint: axis.column for joint, axis in found.items()}))
     for joint, axis in found.items():
-        loops = model_loops(axis.gains, axis.model, system.sample_time)
-        plot_margins(out / f'margins_{joint}.png', f'{system.name} {joint}, tuned; thin: perturbed models', *loops)
+        loops = model_loops(axis.gains, axis.model, machine.sample_time)
+        plot_margins(out / f'margins_{joint}.png', f'{machine.name} {joint}, tuned; thin: perturbed models', *loops)
 
 
 def _objectives(found):

@@ -19,7 +19,7 @@ from pkm_core.verbs.options import (
 
 
 def workspace(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     samples: Annotated[
         int, typer.Option(min=1000, help='Number of Monte-Carlo samples of the joint positions.')
     ] = 1_000_000,
@@ -49,23 +49,23 @@ def workspace(
     """
     from pkm_core.design.workspace_study import Volume, box_against_thesis, exact_volume, monte_carlo, study_spatial
 
-    console, model, out = Output(), load_machine(machine).drawing, out_folder(out)
+    console, machine, out = Output(), load_machine(machine_name).drawing, out_folder(out)
     spatial = None
     with progress_bar(console, 7) as bar:
         bar.step('Monte-Carlo samples and slices')
-        run = monte_carlo(model, samples, 1e-3 * slice_height, 1e-3 * cell, seed)
-        if model.config.mechanism == 'four_dof':
-            spatial = study_spatial(model, run, np.radians(orientation), tuple(np.radians(dexterous)), seed, bar.step)
+        run = monte_carlo(machine, samples, 1e-3 * slice_height, 1e-3 * cell, seed)
+        if machine.config.mechanism == 'four_dof':
+            spatial = study_spatial(machine, run, np.radians(orientation), tuple(np.radians(dexterous)), seed, bar.step)
             unit, volumes = 'mm^3', spatial.volumes
         else:
-            exact = Volume(exact_volume(model, seed).value)
+            exact = Volume(exact_volume(machine, seed).value)
             cells = Volume(run.slices.projected_area())
             unit, volumes = 'mm^2', {'exact: integral of abs(det J)': exact, f'{cell:g} mm cells, occupied': cells}
         if out:
             bar.step('figures')
-            _draw(out, model, run, spatial)
-    ours, thesis = box_against_thesis(model)
-    figures = _figures(model, run, samples, unit, volumes, spatial) | {'box_mm': ours, 'box_thesis_mm': thesis}
+            _draw(out, machine, run, spatial)
+    ours, thesis = box_against_thesis(machine)
+    figures = _figures(machine, run, samples, unit, volumes, spatial) | {'box_mm': ours, 'box_thesis_mm': thesis}
     write_figures(json_file, figures)
     console.print(_extremes_table(figures))
     console.print(_volumes_table(figures))
@@ -76,32 +76,32 @@ def workspace(
         console.plain(f'figures and surfaces are in {out}')
 
 
-def _draw(out, model, run, spatial):
+def _draw(out, machine, run, spatial):
     from pkm_core.design import workspace_figures as draw
 
     if spatial is None:
-        draw.draw_planar(out, model, run)
+        draw.draw_planar(out, machine, run)
         return
     draw.draw_surfaces(out, spatial.tessellation, spatial.joined)
     draw.draw_grid_table(out, run)
     draw.draw_contours(out, run)
-    draw.draw_exact_against_cells(out, model, run)
+    draw.draw_exact_against_cells(out, machine, run)
     for name, mesh in (('contours', spatial.joined), ('envelope', spatial.envelope)):
         for suffix in ('stl', 'ply'):
             mesh.export(out / f'{name}.{suffix}')
 
 
-def _figures(model, run, samples, unit, volumes, spatial):
+def _figures(machine, run, samples, unit, volumes, spatial):
     from pkm_core.design.workspace_study import extreme_figures
 
     scale = {'mm^3': 1e9, 'mm^2': 1e6}[unit]
     figures = {
-        'machine': model.name,
+        'machine': machine.name,
         'samples': samples,
         'cell_mm': 1e3 * run.slices.cell,
         'slices': len(run.slices.occupied),
         'monte_carlo_seconds': run.seconds,
-        'extremes': extreme_figures(model),
+        'extremes': extreme_figures(machine),
         'unit': unit,
         'volumes': {
             name: {key: scale * value for key, value in volume._asdict().items() if value is not None}

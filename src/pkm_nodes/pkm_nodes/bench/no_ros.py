@@ -23,16 +23,16 @@ def _timed(function):
 class Simulation:
     """The cycles of the cell in `run_cycles`: same mathematics, same bits, no messages."""
 
-    def __init__(self, machine):
-        self._machine = load_machine(machine)
-        self._control = load_control(self._machine)
-        self._law = make_law(LAW, self._machine, self._control)
+    def __init__(self, machine_name):
+        self._machine = load_machine(machine_name)
+        self._gains = load_control(self._machine)
+        self._law = make_law(LAW, self._machine, self._gains)
         motion = load_motion(default_motion(self._machine))
         self._trajectory = to_joints(self._machine, plan(self._machine, motion))
         self._run(2)  # warm
 
     def _run(self, cycles):
-        return _timed(lambda: run_cycles(self._machine, self._trajectory, self._control, self._law, cycles, seed=1))
+        return _timed(lambda: run_cycles(self._machine, self._trajectory, self._gains, self._law, cycles, seed=1))
 
     def turn(self, cycles):
         """Return ticks/s and processor time per tick of `cycles` learning cycles, including the set-up of the run."""
@@ -51,8 +51,8 @@ class Mujoco:
     One RK4 step per tick, which keeps the path within 2 nm; test/bench/plant.py has the plant's integrator and others.
     """
 
-    def __init__(self, machine):
-        machine = load_machine(machine)
+    def __init__(self, machine_name):
+        machine = load_machine(machine_name)
         self._force = forces(machine)
         self._chain = MujocoChain(machine, 'RK4', 1)
         self._chain.step(self._force)  # warm

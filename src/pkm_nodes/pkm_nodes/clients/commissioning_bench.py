@@ -20,7 +20,7 @@ class CellBench:
 
     Parameters
     ----------
-    name, motion : str
+    machine_name, motion : str
         Name or file of the machine, and of the motion.
     machine : Machine
         What the controllers drive; the cell works with its configuration.
@@ -31,8 +31,8 @@ class CellBench:
 
     """
 
-    def __init__(self, name, machine, motion, arrangement, *, seed, environment, folder, plugins=''):
-        self._name, self._motion, self._folder = name, motion, Path(folder)
+    def __init__(self, machine_name, machine, motion, arrangement, *, seed, environment, folder, plugins=''):
+        self._machine_name, self._motion, self._folder = machine_name, motion, Path(folder)
         self._options = {'arrangement': arrangement, 'seed': seed, 'environment': environment}
         self._options |= {'configuration': machine.configuration, 'plugins': plugins}
         self._joints = machine.joints
@@ -53,7 +53,7 @@ class CellBench:
             return
         self._stack.close()
         self._processes = self._stack.enter_context(
-            CellProcesses(self._name, folder=self._folder / name, **self._options)
+            CellProcesses(self._machine_name, folder=self._folder / name, **self._options)
         )
         self._client = self._stack.enter_context(IdentifyClient(session=self._processes.session))
         self._client.wait_until_up(self._processes.check)

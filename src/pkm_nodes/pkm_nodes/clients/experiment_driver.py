@@ -30,11 +30,11 @@ def _run(condition, seed, cycles, arrangement, folder):
     from pkm_nodes.clients.cell_processes import CellProcesses
     from pkm_nodes.clients.own_bags import read_own
 
-    machine, motion, _, joints, control, _, start = prepared(condition)
+    machine, motion, _, joints, gains, _, start = prepared(condition)
     learned = ''
     if start is not None:
         learned = folder.resolve() / 'design.npz'
-        save(learned, Learned(origin_of(machine, motion, 'design', control, joints), start, {}))
+        save(learned, Learned(origin_of(machine, motion, 'design', gains, joints), start, {}))
     cell_options = {'control': condition.control, 'seed': seed, 'environment': condition.environment}
     with (
         CellProcesses(condition.machine, arrangement, **cell_options, folder=folder) as cell,

@@ -50,22 +50,22 @@ class RecorderNode(PkmNode):
 
     def __init__(self, neighbours=(), **kwargs):
         super().__init__('recorder', **kwargs)
-        machine = self.machine_setting()
+        self._machine_name = self.machine_setting()
         control = self.control_setting()
         folder = self.setting('folder', 'bags', 'folder of the bags, one per cycle')
         preroll = self.setting('preroll', 1.0, 'simulated time [s] that a snapshot reaches back')
         self.check_settings()
         if preroll > _LONGEST_PREROLL:
             raise ConfigError(f'recorder: preroll is {preroll} s; allowed: at most {_LONGEST_PREROLL:.0f} s')
-        self._machine, model = machine, load_machine(machine)
-        self._configuration = model.configuration
-        self._loop_at_start = loop_hash(model, control, machine_hash(machine, model.configuration))
-        self._sample_time = model.sample_time
-        topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(model.joints)}
+        machine = load_machine(self._machine_name)
+        self._configuration = machine.configuration
+        self._loop_at_start = loop_hash(machine, control, machine_hash(self._machine_name, machine.configuration))
+        self._sample_time = machine.sample_time
+        topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(machine.joints)}
         self._parameters_of_cell = GraphParameters(self)
         self._lock = FolderLock(folder)
         self._recording = Recording(
-            self._lock.path, topics, model, preroll, self._facts, self.get_logger().warn, self._is_offered
+            self._lock.path, topics, machine, preroll, self._facts, self.get_logger().warn, self._is_offered
         )
         self._queue = PatientGroup(self._serve)
         self._tick_subscriptions = []
@@ -105,7 +105,7 @@ class RecorderNode(PkmNode):
         # a controller that is not of this project has no such parameter: then the files at the start of this node count
         loops = self._parameters_of_cell.values_of(CONFIG_HASH) or [self._loop_at_start]
         return {
-            'machine': self._machine,
+            'machine': self._machine_name,
             'session': self.session,
             'git_revision': git_revision(),
             'config_hash': config_hash(loops, motion, law, self._configuration),

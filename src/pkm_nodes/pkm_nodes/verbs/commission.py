@@ -32,12 +32,13 @@ from pkm_nodes.runtime.discovery import discover_on_this_computer
 
 
 def commission(
-    machine: MachineOption = 'four_dof',
-    specimen: Annotated[
+    machine_name: MachineOption = 'four_dof',
+    truth_seed: Annotated[
         int,
         typer.Option(
+            '--specimen',
             min=0,
-            help='Number of the unknown machine, always the same for one number; 0: as in config.',
+            help='Number of a random machine; the same number gives the same machine. 0: the machine of config.',
         ),
     ] = 1,
     motion: MotionOption = '',
@@ -66,32 +67,32 @@ def commission(
     from pkm_core.commissioning.report import write_page
     from pkm_core.tuning.config import load_tuning
 
-    begun, console, system, config = monotonic(), Output(), load_machine(machine), load_tuning(tuning)
-    motion = motion or default_motion(system)
-    trajectory = to_joints(system, plan(system, load_motion(motion)))
+    begun, console, machine, config = monotonic(), Output(), load_machine(machine_name), load_tuning(tuning)
+    motion = motion or default_motion(machine)
+    trajectory = to_joints(machine, plan(machine, load_motion(motion)))
     plugins = str(law_file(law).resolve().parent)  # refuses it before anything moves
-    out = run_folder(out, f'{system.name}_commissioned')
+    out = run_folder(out, f'{machine.name}_commissioned')
     options = {'seed': seed, 'environment': environment, 'folder': out}
-    place = copy_config(system, out, environment, specimen or None)
-    system = place.machine
-    with _bench(arrangement, machine, system, motion, trajectory, options, plugins) as bench:
+    place = copy_config(machine, out, environment, truth_seed or None)
+    machine = place.machine
+    with _bench(arrangement, machine_name, machine, motion, trajectory, options, plugins) as bench:
         given = {'law': law, 'cycles': cycles, 'limit': 1e-6 * accept, 'seed': seed}
-        story = _procedure(console, system, bench, place, config, given, out)
+        story = _procedure(console, machine, bench, place, config, given, out)
     facts = {
-        **{'machine': system.name, 'specimen': specimen, 'motion': Path(motion).stem, 'environment': environment},
+        **{'machine': machine.name, 'specimen': truth_seed, 'motion': Path(motion).stem, 'environment': environment},
         **{'seed': seed, 'arrangement': str(arrangement), 'law': law, 'acceptance limit [um]': accept},
         'duration [s]': round(monotonic() - begun, 1),
     }
-    write_page(out / 'report.html', system, story, facts)
-    figures = facts | _figures(system, story)
+    write_page(out / 'report.html', machine, story, facts)
+    figures = facts | _figures(machine, story)
     write_json(out / 'results.json', figures)
     write_figures(json_file, figures)
-    _show(console, system, story, out)
+    _show(console, machine, story, out)
     if not story.accepted:
         raise typer.Exit(1)
 
 
-def _procedure(console, system, bench, place, config, given, out):
+def _procedure(console, machine, bench, place, config, given, out):
     """Run the steps of the commissioning and return the `Commissioning`; `given` are options of the verb."""
     from pkm_core.commissioning.procedure import commission as run
     from pkm_core.parallel import search_executor
@@ -101,29 +102,29 @@ def _procedure(console, system, bench, place, config, given, out):
         def on_step(what, share):
             bar.show(share, what)
 
-        return run(system, bench, place, config, **given, executor=executor, folder=out / 'search', on_step=on_step)
+        return run(machine, bench, place, config, **given, executor=executor, folder=out / 'search', on_step=on_step)
 
 
 @contextmanager
-def _bench(arrangement, machine, system, motion, trajectory, options, plugins):
+def _bench(arrangement, machine_name, machine, motion, trajectory, options, plugins):
     """Yield the bench: the simulated machine, or a cell in the ROS graph."""
     from pkm_core.commissioning.simulated_bench import SimulatedBench
 
     if arrangement is Arrangement.simulation:
-        yield SimulatedBench(system, trajectory, **options)
+        yield SimulatedBench(machine, trajectory, **options)
         return
     discover_on_this_computer()
     from pkm_nodes.clients.commissioning_bench import CellBench
 
-    with CellBench(machine, system, str(motion), arrangement.value, **options, plugins=plugins) as bench:
+    with CellBench(machine_name, machine, str(motion), arrangement.value, **options, plugins=plugins) as bench:
         yield bench
 
 
-def _show(console, system, story, out):
+def _show(console, machine, story, out):
     """Print the tables and the outcome."""
     from pkm_core.commissioning.report import candidate_table, error_table, measured_table, model_table, verdict
 
-    for table in (model_table(story), candidate_table(story), measured_table(story), error_table(system, story)):
+    for table in (model_table(story), candidate_table(story), measured_table(story), error_table(machine, story)):
         if table.rows:
             console.print(report_table(table, align='llr', wide=False))
     console.warnings(story.identified.warnings)
@@ -132,11 +133,11 @@ def _show(console, system, story, out):
     console.plain(f'report.html, config, bags and figures are in {out}')
 
 
-def _figures(system, story):
+def _figures(machine, story):
     """Return every figure of a `Commissioning` as nested dicts."""
 
     def errors(move):
-        return [dict(zip(system.joints, (1e6 * a.max_dynamic_error for a in cycle), strict=True)) for cycle in move]
+        return [dict(zip(machine.joints, (1e6 * a.max_dynamic_error for a in cycle), strict=True)) for cycle in move]
 
     return {
         'accepted': story.accepted,

@@ -36,7 +36,7 @@ from pkm_nodes.runtime.discovery import discover_on_this_computer
 
 
 def identify_cell(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     joint: JointsOption = None,
     kind: Annotated[str, typer.Option(help=f'Experiments to run: {", ".join(KINDS)}.')] = 'both',
     positions: PositionsOption = POSITIONS,
@@ -58,24 +58,24 @@ def identify_cell(
 
     Example: `pkm identify-cell --machine planar --joint d1 --out runs/identified`
     """
-    console, system = Output(), load_machine(machine)
+    console, machine = Output(), load_machine(machine_name)
     request = Request(tuple(joint or ()), kind, positions, band, voltage, 1e-3 * jog, 1e-3 * stroke)
-    plan(system, request, load_model(system), load_control(system))  # refuses it before a process starts
-    out = run_folder(out, f'{system.name}_identified')
+    plan(machine, request, load_model(machine), load_control(machine))  # refuses it before a process starts
+    out = run_folder(out, f'{machine.name}_identified')
     try:
-        result = _identify(console, machine, request, seed, environment, arrangement, out)
+        result = _identify(console, machine_name, request, seed, environment, arrangement, out)
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
-    console.print(_fits_table(f'{system.name}, seed {seed}, {environment}, {arrangement}', result.fits))
+    console.print(_fits_table(f'{machine.name}, seed {seed}, {environment}, {arrangement}', result.fits))
     console.warnings(result.warnings)
     figures = {fit.joint: _fit_figures(fit) for fit in result.fits}
-    given = {'machine': system.name, 'seed': seed, 'environment': environment, 'arrangement': arrangement}
+    given = {'machine': machine.name, 'seed': seed, 'environment': environment, 'arrangement': arrangement}
     files = {'model_file': result.model_file, 'bags': result.bags, 'warnings': result.warnings}
     write_figures(json_file, given | files | {'axes': figures})
     console.plain(f'{result.model_file or "results"} and bags are in {out}')
 
 
-def _identify(console, machine, request, seed, environment, arrangement, out):
+def _identify(console, machine_name, request, seed, environment, arrangement, out):
     """Run the cell and return the `Identify.Result`."""
     discover_on_this_computer()
     from pkm_nodes.clients.cell_processes import CellProcesses
@@ -83,7 +83,7 @@ def _identify(console, machine, request, seed, environment, arrangement, out):
 
     with (
         progress_bar(console, name='starting the cell') as bar,
-        CellProcesses(machine, arrangement, seed=seed, environment=environment, folder=out) as cell,
+        CellProcesses(machine_name, arrangement, seed=seed, environment=environment, folder=out) as cell,
         IdentifyClient(session=cell.session) as client,
     ):
         client.wait_until_up(cell.check)

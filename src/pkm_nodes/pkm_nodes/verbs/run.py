@@ -42,7 +42,7 @@ _LAW = 'fourier_pid'
 
 
 def run(
-    machine: MachineOption = 'four_dof',
+    machine_name: MachineOption = 'four_dof',
     motion: MotionOption = '',
     cycles: CyclesOption = 12,
     law: Annotated[
@@ -76,20 +76,20 @@ def run(
     """
     console = Output()
     namespace = namespace_of(namespace)
-    goal = _Goal.checked(machine, motion, cycles, law, controller, learned, save_learned)
+    goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned)
     cell = {'control': controller, 'seed': seed, 'environment': environment, 'without': without or []}
-    cell_nodes(machine, control=controller, without=cell['without'])  # refuses unknown names before a process starts
+    # refuses unknown names before a process starts
+    cell_nodes(machine_name, control=controller, without=cell['without'])
     out = run_folder(out, goal.machine.name)
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
     try:
-        log, records, session = _drive(console, machine, arrangement, namespace, cell, goal, out)
+        log, records, session = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     hashes = {record.facts['config_hash'] for record in records}
-    expected = config_hash(
-        [loop_hash(goal.machine, controller, machine_hash(machine))], Path(goal.motion).stem, goal.law
-    )
+    loop = loop_hash(goal.machine, controller, machine_hash(machine_name))
+    expected = config_hash([loop], Path(goal.motion).stem, goal.law)
     if hashes != {expected}:
         raise PkmError(
             f'{out}: the bags have the configuration {sorted(hashes)}, the files now {expected}; '
@@ -122,12 +122,12 @@ class _Goal:
         return {'plugins': law, 'learned': self.save_learned.resolve().parent if self.save_learned else ''}
 
     @classmethod
-    def checked(cls, machine, motion, cycles, law, controller, learned, save_learned):
+    def checked(cls, machine_name, motion, cycles, law, controller, learned, save_learned):
         """Return the goal of these options of the verb; `PkmError` if the cell would refuse it."""
-        model = load_machine(machine)
-        motion = motion or default_motion(model)
-        joints = to_joints(model, plan(model, load_motion(motion)))
-        gains = choose_control(model, controller)
+        machine = load_machine(machine_name)
+        motion = motion or default_motion(machine)
+        joints = to_joints(machine, plan(machine, load_motion(motion)))
+        gains = choose_control(machine, controller)
         kind = kind_of(gains)
         law = law or (_LAW if kind == 'robust' else 'none')
         if law != 'none':
@@ -137,11 +137,11 @@ class _Goal:
         elif save_learned:
             raise PkmError('--save-learned: given with --law none, which learns nothing; expected a learning law')
         if learned:
-            first_feedforward(learned, model, Path(motion).stem, law, gains, joints)
-        return cls(model, motion, cycles, law, learned, save_learned)
+            first_feedforward(learned, machine, Path(motion).stem, law, gains, joints)
+        return cls(machine, motion, cycles, law, learned, save_learned)
 
 
-def _drive(console, machine, arrangement, namespace, cell_options, goal, out):
+def _drive(console, machine_name, arrangement, namespace, cell_options, goal, out):
     """Run the cell; return its `CycleLog`, the `CycleRecord`s of its bags and its session."""
     discover_on_this_computer()
     from pkm_nodes.clients.cell_client import CellClient
@@ -150,7 +150,7 @@ def _drive(console, machine, arrangement, namespace, cell_options, goal, out):
 
     with (
         progress_bar(console, goal.cycles, name='starting the cell', keep=True) as bar,
-        CellProcesses(machine, arrangement, namespace=namespace, **cell_options, **goal.files, folder=out) as cell,
+        CellProcesses(machine_name, arrangement, namespace=namespace, **cell_options, **goal.files, folder=out) as cell,
         CellClient(namespace, cell.session) as client,
     ):
         check = cell.check
