@@ -222,7 +222,7 @@ def test_report_has_the_law_with_and_without_advance(tmp_path):
 
 
 def test_verb_writes_figures_and_picture(tmp_path, capsys):
-    convergence_verb('planar', 'inverse', '', tmp_path / 'out', tmp_path / 'figures.json')
+    convergence_verb('planar', 'inverse', 'robust', tmp_path / 'out', tmp_path / 'figures.json')
     assert 'converges on all models' in capsys.readouterr().out
     written = json.loads((tmp_path / 'figures.json').read_text())
     assert written['law'] == 'inverse'
@@ -232,7 +232,7 @@ def test_verb_writes_figures_and_picture(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ('machine', 'law_name', 'control', 'reason'),
-    [('planar', 'magic', '', "'magic' is unknown"), ('planar', 'inverse', 'four_dof', 'joints are')],
+    [('planar', 'magic', 'robust', "'magic' is unknown"), ('planar', 'inverse', 'four_dof', 'joints are')],
 )
 def test_verb_refuses_what_does_not_exist_or_fit(machine, law_name, control, reason):
     with pytest.raises(PkmError, match=reason):
