@@ -87,7 +87,7 @@ def run(
         log, records, session = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
-    hashes = {record.facts['config_hash'] for record in records}
+    hashes = {record.facts.get('config_hash', '') for record in records}
     loop = loop_hash(goal.machine, controller, machine_hash(machine_name))
     expected = config_hash([loop], Path(goal.motion).stem, goal.law)
     if hashes != {expected}:
