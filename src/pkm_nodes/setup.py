@@ -48,6 +48,7 @@ setup(
             'page = pkm_nodes.verbs.page:page',
             'parameters = pkm_nodes.verbs.parameters:parameters',
             'run = pkm_nodes.verbs.run:run',
+            'stop = pkm_nodes.verbs.stop:stop',
         ],
         # what `pkm experiment --arrangement` finds the graph by
         'pkm.graphs': ['drive = pkm_nodes.clients.experiment_driver:drive'],

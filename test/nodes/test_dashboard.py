@@ -255,6 +255,7 @@ def test_buttons_without_a_cell_name_the_missing_node(graph, dashboard, machine)
         (('run', 'four_dof_70ms', 1, 'none'), 'trajectory_generator'),
         (('visit', dict.fromkeys(machine.coordinates, 0.0)), 'trajectory_generator'),
         (('stop',), 'trajectory_generator'),
+        (('brake',), 'machine'),
         (('reset',), 'machine'),
     ):
         dashboard.fulfil(wish)

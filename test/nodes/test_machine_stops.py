@@ -108,3 +108,26 @@ def test_carriage_at_its_mechanical_stop_is_a_fault(graph, controllers):
         assert {s.mode for s in heard[answered:]} == {EncoderSample.SAFE_STOP}
         last = [s.counts for s in heard[-20:]]
         assert max(last) - min(last) <= 5, 'at standstill except for encoder noise: 1 um in 10 ms'
+
+
+def test_stop_service_brakes_the_running_cycle_at_once(graph, controllers):
+    graph.start(MachineNode)
+    controllers.load(1, 1000)
+    controllers.run(0, 30, volts=0.5)
+    answer = graph.call(Trigger, 'machine/stop')
+    assert answer.success
+    assert answer.message.startswith('the machine was stopped at tick ')
+    fault = graph.next_event(CycleEvent.FAULT)
+    assert (fault.cycle, fault.message) == (1, 'stopped by the service machine/stop')
+    assert 'had stopped already' in graph.call(Trigger, 'machine/stop').message
+    assert graph.call(Trigger, 'machine/reset').success
+
+
+def test_no_cycle_starts_after_a_stop_between_cycles(graph, controllers):
+    graph.start(MachineNode)
+    assert graph.call(Trigger, 'machine/stop').success
+    controllers.load(1, 10)
+    assert 'stopped by the service machine/stop' in graph.next_event(CycleEvent.REFUSED, cycle=1).message
+    assert graph.call(Trigger, 'machine/reset').success
+    controllers.load(2, 10)
+    graph.next_event(CycleEvent.STARTED, cycle=2)

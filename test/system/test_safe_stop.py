@@ -2,6 +2,9 @@
 
 import os
 import signal
+import subprocess
+import sys
+from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
@@ -16,6 +19,7 @@ from pkm_nodes.clients.cell_client import CellClient
 from pkm_nodes.clients.cell_processes import CellProcesses
 
 DOMAIN = 62
+PKM = Path(sys.prefix) / 'bin' / 'pkm'
 
 
 @pytest.fixture
@@ -131,3 +135,21 @@ def call(name):
     node.destroy_node()
     assert future.done(), f'{name} did not answer'
     return future.result()
+
+
+def test_pkm_stop_brakes_the_running_motion(domain, tmp_path):
+    cell = CellProcesses('four_dof', 'composed', seed=1, environment='nominal', folder=tmp_path)
+    stops = []
+
+    def stop_once(feedback):
+        if not stops:
+            stops.append(subprocess.Popen([PKM, 'stop'], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
+
+    with cell, CellClient(session=cell.session) as client:
+        client.wait_until_up(cell.check)
+        with pytest.raises(PkmError, match='stopped by the service machine/stop'):
+            client.execute('four_dof_70ms', 1000, 'none', cell.check, stop_once)
+        printed, _ = stops[0].communicate(timeout=60)
+        assert stops[0].returncode == 0
+        assert printed.startswith('the machine was stopped at tick ')
+        assert len(printed.splitlines()) == 1

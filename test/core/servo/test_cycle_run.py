@@ -21,7 +21,7 @@ from pkm_core.servo.tick_barrier import TickBarrier
 STANDING, LOADING, LOADED, RUNNING, HELD, FAULTED = CycleState
 JOINTS = ('a', 'b')
 START_TIMEOUT, ANSWER_TIMEOUT, WINDOW = 10.0, 5.0, 2
-EVENTS = {'loaded', 'look', 'advanced', 'recorded', 'unanswered', 'stop_requested', 'reset'}
+EVENTS = {'loaded', 'look', 'advanced', 'recorded', 'unanswered', 'stop_requested', 'halt', 'reset'}
 
 CYCLE = 4  # of every state but STANDING, which has run cycle 3
 REFUSED_BY_FAULT = 'the machine has stopped: a: door; call the service machine/reset first'
@@ -174,6 +174,13 @@ TABLE = [
     row(LOADING, ('stop_requested', 4, 'a: door'), LOADING),
     row(LOADED, ('stop_requested', 4, 'a: door'), LOADED),
     row(FAULTED, ('stop_requested', 4, 'b: window'), FAULTED),
+    # a request to stop now: nothing starts before a reset, even between cycles
+    row(STANDING, ('halt', 'hand'), FAULTED),
+    row(LOADING, ('halt', 'hand'), FAULTED),
+    row(LOADED, ('halt', 'hand'), FAULTED),
+    row(RUNNING, ('halt', 'hand'), FAULTED, StopSafely(4, 1, 'hand')),
+    row(HELD, ('halt', 'hand'), FAULTED, StopSafely(4, 3, 'hand')),
+    row(FAULTED, ('halt', 'hand'), FAULTED),
     # a reset request
     row(STANDING, ('reset',), STANDING, GoHome(3, NO_FAULT)),
     row(LOADING, ('reset',), STANDING, GoHome(3, NO_FAULT)),
@@ -248,6 +255,7 @@ RANDOM_EVENTS = st.one_of(
     st.tuples(st.just('watch')),
     st.tuples(st.just('wait'), st.sampled_from([1.0, 6.0])),
     st.tuples(st.just('stop_requested'), st.integers(-1, 0)),
+    st.tuples(st.just('halt')),
     st.tuples(st.just('reset')),
 )
 
@@ -293,6 +301,9 @@ class Shell:
                 assert run.state is FAULTED
             case 'stop_requested':
                 self.perform(run.stop_requested(run.cycle + arguments[0], 'door'))
+            case 'halt':
+                self.perform(run.halt('hand'))
+                assert run.state is FAULTED
             case 'reset':
                 self.perform(run.reset())
         self.check(name, before, index)

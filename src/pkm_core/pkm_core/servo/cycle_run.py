@@ -217,6 +217,15 @@ class CycleRun:
         """Take a STOP event; ignored unless `cycle` is running."""
         return self._stop(reason) if self.is_running and cycle == self.cycle else ()
 
+    def halt(self, reason):
+        """Take the request to stop now, in any state: a running cycle is braked, no cycle starts before a reset."""
+        if self.is_running:
+            return self._stop(reason)
+        if self.state is not CycleState.FAULTED:
+            self._discard()
+            self.state, self.fault = CycleState.FAULTED, reason
+        return ()
+
     def reset(self):
         """Take a reset request; refused while a cycle is running."""
         if self.is_running:

@@ -24,11 +24,11 @@ class ComputedTorqueControllerNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('computed_torque_controller', **kwargs)
-        machine, chosen, control = choose_gains(self, 'computed_torque')
+        machine, chosen, gains = choose_gains(self, 'computed_torque')
         self.check_settings()
         self._config = LoadedConfig(self, machine, chosen)
         joints = machine.joints
-        self._controller = make_controller(machine, control)
+        self._controller = make_controller(machine, gains)
         self._tick = -1
         self._measured = np.zeros(len(joints))  # [m] at self._tick
         self._missing = set()  # columns without a sample of self._tick

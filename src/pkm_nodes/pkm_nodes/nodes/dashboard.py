@@ -66,6 +66,7 @@ class DashboardNode(PkmNode):
         self._execute = ActionClient(self, ExecuteMotion, 'execute_motion')
         self._cancel = self.create_client(CancelGoal, 'execute_motion/_action/cancel_goal')
         self._reset = self.create_client(Trigger, 'machine/reset')
+        self._brake = self.create_client(Trigger, 'machine/stop')
         self._machine_parameters = self.create_client(GetParameters, 'machine/get_parameters')
         subscribe_events(self, self._on_event)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
@@ -75,8 +76,10 @@ class DashboardNode(PkmNode):
         self.create_timer(1.0, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def fulfil(self, wish):
-        """Execute a wish: ('run', motion, cycles, law), ('visit', offsets), ('stop',) or ('reset',)."""
-        {'run': self._run, 'visit': self._visit, 'stop': self._stop, 'reset': self._reset_machine}[wish[0]](*wish[1:])
+        """Execute a wish: ('run', motion, cycles, law), ('visit', offsets), ('stop',), ('brake',) or ('reset',)."""
+        wishes = {'run': self._run, 'visit': self._visit, 'stop': self._stop}
+        wishes |= {'brake': self._brake_machine, 'reset': self._reset_machine}
+        wishes[wish[0]](*wish[1:])
 
     # buttons
 
@@ -117,12 +120,19 @@ class DashboardNode(PkmNode):
 
         self._cancel.call_async(CancelGoal.Request()).add_done_callback(on_answer)
 
+    def _brake_machine(self):
+        self._trigger(self._brake, 'brake', 'machine/stop')
+
     def _reset_machine(self):
-        if not self._reset.service_is_ready():
-            self._notice('reset: no machine offers machine/reset', good=False)
+        self._trigger(self._reset, 'reset', 'machine/reset')
+
+    def _trigger(self, client, name, service):
+        """Call a service of the machine and show its answer."""
+        if not client.service_is_ready():
+            self._notice(f'{name}: no machine offers {service}', good=False)
             return
-        answer = self._reset.call_async(Trigger.Request())
-        answer.add_done_callback(lambda f: self._notice(f'reset: {f.result().message}', good=f.result().success))
+        answer = client.call_async(Trigger.Request())
+        answer.add_done_callback(lambda f: self._notice(f'{name}: {f.result().message}', good=f.result().success))
 
     def _notice(self, text, *, good=True):
         self.cell.notice = Notice(text, good)

@@ -45,7 +45,7 @@ class IdentificationNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('identification', **kwargs)
         self._name = self.machine_setting()
-        self._control = self.control_setting()
+        self._chosen = self.control_setting()
         self._folder = Path(self.setting('folder', 'identified', 'folder that takes models and pictures'))
         self.check_settings()
         self._machine = load_machine(self._name)
@@ -100,12 +100,12 @@ class IdentificationNode(PkmNode):
             goal.jog_speed,
             goal.stroke,
         )
-        models, control = load_model(machine), choose_control(machine, self._control)
-        if kind_of(control) != 'robust':
+        models, gains = load_model(machine), choose_control(machine, self._chosen)
+        if kind_of(gains) != 'robust':
             raise IdentificationError(
-                f'control {self._control!r}: expected one whose controllers take an excitation, robust'
+                f'control {self._chosen!r}: expected one whose controllers take an excitation, robust'
             )
-        plans = plan(machine, request, models, control)
+        plans = plan(machine, request, models, gains)
         unknown = [joint for joint in plans if not request.moves and joint not in self._slow_moves]
         if unknown:
             raise IdentificationError(
@@ -128,7 +128,7 @@ class IdentificationNode(PkmNode):
                 done += 1
             if request.moves:
                 self._slow_moves[joint] = bags[0]
-            given = (self.get_namespace(), models, control, request.sweep().band, folder)
+            given = (self.get_namespace(), models, gains, request.sweep().band, folder)
             fits[joint] = self._submit(fit_bags, self._name, joint, bags, *given)
         for joint, fit in fits.items():
             await self._until(fit.done)

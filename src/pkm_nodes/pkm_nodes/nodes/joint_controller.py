@@ -32,7 +32,7 @@ class JointControllerNode(PkmNode):
 
     def __init__(self, *, name='joint_controller', **kwargs):
         super().__init__(name, **kwargs)
-        self._machine, self._chosen, self._control = choose_gains(self, 'robust')
+        self._machine, self._chosen, self._loaded_gains = choose_gains(self, 'robust')
         machine = self._machine
         joint = self.setting('joint', machine.joints[0], f'which joint: one of {list(machine.joints)}')
         if joint not in machine.joints:
@@ -43,7 +43,7 @@ class JointControllerNode(PkmNode):
             'gain_margin': self.setting('least_gain_margin', 6.0, '[dB] gains that leave less are refused'),
             'phase_margin': self.setting('least_phase_margin', 30.0, '[deg] gains that leave less are refused'),
         }
-        self._gains = GainParameters(self, self._control[joint], self._check_gains, self._exchange)
+        self._gains = GainParameters(self, self._loaded_gains[joint], self._check_gains, self._exchange)
         self.check_settings()
         self._config = LoadedConfig(self, machine, self._chosen)
         self._controller = RobustController(self._gains.gains, self._model, machine.sample_time, machine.voltage_limit)
@@ -81,22 +81,22 @@ class JointControllerNode(PkmNode):
                 raise PkmError(f'{joint}: cycle {self._cycle.active} is running; reload when it has ended')
             loaded = self._config.now()
             self._model = load_model(self._machine)[joint]
-            control = choose_control(self._machine, self._chosen)
-            if self._gains.gains == control[joint]:  # the model may have changed
-                self._check_gains(control[joint])
-                self._exchange(control[joint])
+            gains = choose_control(self._machine, self._chosen)
+            if self._gains.gains == gains[joint]:  # the model may have changed
+                self._check_gains(gains[joint])
+                self._exchange(gains[joint])
             else:
-                self._gains.take(control[joint])
+                self._gains.take(gains[joint])
         except PkmError:
             self._model = before
             raise
-        self._control = control
+        self._loaded_gains = gains
         self._config.replace(loaded)
 
     # the law, between ticks
 
     def _check(self, message):
-        if message.feedforward and self._gains.gains != self._control[self._joint]:
+        if message.feedforward and self._gains.gains != self._loaded_gains[self._joint]:
             raise PkmError(
                 f'cycle {message.cycle}: learned feedforward for the gains of the configuration, but they have been '
                 f'changed since; set the parameters of {self.get_fully_qualified_name()} back'

@@ -55,7 +55,7 @@ class LearningNode(PkmNode):
         self._chosen = self.control_setting()
         self._folder = Path(self.setting('folder', 'learned', 'folder in which learning/save may write')).resolve()
         self.check_settings()
-        self._control = choose_control(machine, self._chosen)
+        self._loop_gains = choose_control(machine, self._chosen)
         self._law = cache(self._make_law)
         self._motions = {}  # by cycle
         self._learned = None  # the `_Motion` learned last
@@ -71,8 +71,8 @@ class LearningNode(PkmNode):
         self.offer('learning/reload', self._reload)
 
     def _make_law(self, name, *loop):
-        """Return the law `name` for the control of the cell, or for one `loop` (joint, gains) with other gains."""
-        law = make_law(name, self._machine, dict([loop]) if loop else self._control)
+        """Return the law `name` for the gains of the cell, or for one `loop` (joint, gains) with other gains."""
+        law = make_law(name, self._machine, dict([loop]) if loop else self._loop_gains)
         self.get_logger().info(law.verdict)
         return law
 
@@ -101,7 +101,7 @@ class LearningNode(PkmNode):
         try:
             error, feedforward = np.array(request.error), np.array(request.feedforward)
             gains = self._gains(request)
-            loop = () if gains == self._control[request.joint] else (request.joint, gains)
+            loop = () if gains == self._loop_gains[request.joint] else (request.joint, gains)
             motion = self._motions.get(request.cycle)
             if motion is None or motion.belongs_to[:2] != (request.motion, request.law):
                 motion, law = None, self._law(request.law, *loop)
@@ -124,16 +124,16 @@ class LearningNode(PkmNode):
 
     def _reload(self):
         """Load models and gains from the configuration again and drop all laws."""
-        self._control = choose_control(self._machine, self._chosen)
+        self._loop_gains = choose_control(self._machine, self._chosen)
         self._law = cache(self._make_law)
         self._motions.clear()
 
     def _gains(self, request):
         """Return the gains of the loop that made the error of a request."""
-        if request.joint not in self._control:
-            raise LearningError(f'learning: joint {request.joint!r} is unknown; known: {list(self._control)}')
+        if request.joint not in self._loop_gains:
+            raise LearningError(f'learning: joint {request.joint!r} is unknown; known: {list(self._loop_gains)}')
         if not request.has_gains:
-            return self._control[request.joint]
+            return self._loop_gains[request.joint]
         return gains_from_msg(request.gains, f'learning {request.joint}: gains')
 
     def _is_behind(self):

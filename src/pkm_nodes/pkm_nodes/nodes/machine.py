@@ -102,6 +102,7 @@ class MachineNode(PkmNode):
         subscribe_events(self, self._on_event)
         self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick)
         self.create_service(Trigger, 'machine/reset', self._on_reset)
+        self.offer('machine/stop', self._on_stop)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.05, self._watch, clock=wall)
         self.create_timer(1.0, self._publish_diagnostics, clock=wall)
@@ -217,6 +218,13 @@ class MachineNode(PkmNode):
         next(self._plant.brake(1))
         self._count()  # no two samples have the same tick, even across a reset
         self._laser.publish()
+
+    def _on_stop(self):
+        """Brake at once, or start no further cycle; return what was stopped."""
+        before = self._run.fault
+        self._perform(self._run.halt('stopped by the service machine/stop'))
+        what = f'had stopped already: {before}' if before else f'was stopped at tick {self._barrier.tick}'
+        return f'the machine {what}; it waits for machine/reset'
 
     def _on_reset(self, _, response):
         for action in self._run.reset():

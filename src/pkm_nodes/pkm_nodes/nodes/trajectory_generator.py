@@ -45,7 +45,7 @@ class TrajectoryGeneratorNode(PkmNode):
         super().__init__('trajectory_generator', **kwargs)
         self._machine = load_machine(self.machine_setting(), self.configuration_setting())
         self._chosen = self.control_setting()
-        self._control = choose_control(self._machine, self._chosen)
+        self._gains = choose_control(self._machine, self._chosen)
         start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')
         metrics_timeout = self.setting('metrics_timeout', 2.0, '[s, wall] from the last tick to the metrics')
         self.check_settings()
@@ -70,7 +70,7 @@ class TrajectoryGeneratorNode(PkmNode):
 
     def _reload(self):
         """Read the gains of the configuration again; learning laws are checked with them before a goal begins."""
-        self._control = choose_control(self._machine, self._chosen)
+        self._gains = choose_control(self._machine, self._chosen)
 
     async def _execute(self, goal_handle):
         """Run one goal. A refused goal is accepted and aborted, because only a result carries the reason."""
@@ -118,7 +118,7 @@ class TrajectoryGeneratorNode(PkmNode):
         """
         if not request.cycles:
             raise TrajectoryError('goal: cycles is 0; expected at least 1')
-        kind = kind_of(self._control)
+        kind = kind_of(self._gains)
         if request.controller not in ('', kind):
             raise TrajectoryError(f'goal: controller {request.controller!r}; this cell has been started with {kind!r}')
         experiment = request.experiment
@@ -155,15 +155,15 @@ class TrajectoryGeneratorNode(PkmNode):
         """
         law = request.learning_law or 'none'
         if law != 'none':
-            self.get_logger().info(make_law(law, self._machine, self._control).verdict)
+            self.get_logger().info(make_law(law, self._machine, self._gains).verdict)
         if not request.learned:
             return None
-        return first_feedforward(request.learned, self._machine, name, law, self._control, joints)
+        return first_feedforward(request.learned, self._machine, name, law, self._gains, joints)
 
     def _plan_experiment(self, request):
         """Return the same as `_plan` for an experiment of identification."""
         machine, experiment = self._machine, request.experiment
-        if kind_of(self._control) != 'robust':
+        if kind_of(self._gains) != 'robust':
             raise TrajectoryError(
                 f'goal: experiment {experiment.motion!r}; only a cell with robust control has excitation'
             )

@@ -34,7 +34,8 @@ class Controls:
             cycles = gui.add_number('cycles', 6, min=1, max=1000, step=1)
             run = gui.add_button('Run', color='green')
             run.on_click(lambda _: wish('run', motion.value, int(cycles.value), law.value))
-            gui.add_button('Stop after this cycle', color='red').on_click(lambda _: wish('stop'))
+            gui.add_button('Stop after this cycle', color='orange').on_click(lambda _: wish('stop'))
+            gui.add_button('Brake now', color='red').on_click(lambda _: wish('brake'))
             gui.add_button('Reset after a fault', color='gray').on_click(lambda _: wish('reset'))
         with gui.add_folder('Jog: visit a pose, from home and back'):
             self._offsets = {name: self._add_slider(gui, name) for name in machine.coordinates}

@@ -51,7 +51,7 @@ def choose_gains(node, kind):
     machine : Machine
     chosen : str
         Value of `control`.
-    control : dict
+    gains : dict
         Gains by joint.
 
     Raises
@@ -62,10 +62,10 @@ def choose_gains(node, kind):
     """
     machine = load_machine(node.machine_setting())
     chosen = node.setting('control', kind, f"'{kind}' for the machine's own, a file of config, or a YAML file")
-    control = choose_control(machine, chosen)
-    if kind_of(control) != kind:
-        raise ConfigError(f'{node.get_name()}: control {chosen!r} is for {kind_of(control)}; this node is for {kind}')
-    return machine, chosen, control
+    gains = choose_control(machine, chosen)
+    if kind_of(gains) != kind:
+        raise ConfigError(f'{node.get_name()}: control {chosen!r} is for {kind_of(gains)}; this node is for {kind}')
+    return machine, chosen, gains
 
 
 @dataclass(frozen=True, eq=False)
