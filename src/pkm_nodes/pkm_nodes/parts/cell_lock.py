@@ -13,11 +13,14 @@ from pkm_core.errors import PkmError
 
 def _folder():
     """Return the folder of the locks of this user, which no other user can write."""
-    folder = Path(os.environ.get('XDG_RUNTIME_DIR') or tempfile.gettempdir()) / f'pkm-{os.getuid()}'
-    folder.mkdir(mode=0o700, exist_ok=True)
-    status = folder.lstat()
-    if status.st_uid != os.getuid() or not folder.is_dir() or folder.is_symlink():
-        raise PkmError(f'{folder}: belongs to user {status.st_uid}; expected a folder of user {os.getuid()}')
+    runtime = Path(os.environ.get('XDG_RUNTIME_DIR') or '/nonexistent')
+    folder = (runtime if runtime.is_dir() else Path(tempfile.gettempdir())) / f'pkm-{os.getuid()}'
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise PkmError(f'{folder}: cannot be made: {error.strerror}; expected a writable temporary folder') from None
+    if folder.is_symlink() or folder.stat().st_uid != os.getuid():
+        raise PkmError(f'{folder}: belongs to another user; expected a folder of user {os.getuid()}')
     return folder
 
 
