@@ -15,7 +15,7 @@ from pkm_core.control.model import load_model
 
 run = Path(sys.argv[1] if len(sys.argv) > 1 else 'runs/first')
 folder = Path(sys.argv[2] if len(sys.argv) > 2 else tempfile.mkdtemp())
-bags = sorted(file.parent for file in run.glob('*/metadata.yaml'))[:4]
+bags = sorted(file.parent for file in run.rglob('metadata.yaml'))[:4]
 if not bags:
     sys.exit(f'{run}: no bags; record some with: bringup_scripts/run --out {run}')
 

@@ -16,7 +16,7 @@ import pkm_core as pkm
 
 run = Path(sys.argv[1] if len(sys.argv) > 1 else 'runs/first')
 folder = Path(sys.argv[2] if len(sys.argv) > 2 else tempfile.mkdtemp())
-bags = sorted(file.parent for file in run.glob('*/metadata.yaml'))
+bags = sorted(file.parent for file in run.rglob('metadata.yaml'))
 if not bags:
     sys.exit(f'{run}: no bags; record some with: bringup_scripts/run --out {run}')
 

@@ -45,7 +45,7 @@ def run_folder(tmp_path_factory, start_recording_in):
         cycle = result.cycle(number)
         signals = {'error': cycle.error, 'voltage': cycle.voltage}
         driven = SimpleNamespace(machine=machine, poses=result.motion.poses, joints=result.motion.joints, **signals)
-        recording = start_recording_in(folder, driven, number, motion='four_dof_70ms')
+        recording = start_recording_in(folder / 'bags', driven, number, motion='four_dof_70ms')
         recording.ticks()
         recording.close()
     return folder
