@@ -42,7 +42,7 @@ def test_bag_info_of_damaged_bags(ros2, tmp_path):
     file.write_bytes(file.read_bytes()[:-40])  # the end of a killed recording: no footer
     result = ros2('bag', 'info', file)
     assert 'Messages:          3\n' in result.stdout
-    assert 'has no summary' in result.stderr
+    assert 'no summary, as of a killed recorder' in result.stderr
     file.write_text('no bag')
     assert 'No plugin detected that could open file' in ros2('bag', 'info', file, code=1).stderr
     (tmp_path / 'bag' / 'metadata.yaml').write_text('a: [')

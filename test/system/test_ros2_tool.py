@@ -175,7 +175,7 @@ def test_echo_prints_a_latched_message_as_yaml(bench, ros2):
     [
         (['--field', 'coordinates'], "['q1', 'q2']\n---\n"),
         (['pkm_interfaces/msg/SampledTrajectory', '--field', 'cycle'], '3\n---\n'),
-        (['--csv', '-l', '2'], '3,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,,\n'),
+        (['--csv', '-l', '2'], '3,0,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,,\n'),
         (['--csv', '--no-arr', '--field', 'cycle'], '3\n---\n'),
     ],
 )
@@ -237,7 +237,8 @@ def test_delay_prints_the_age_of_messages_with_percentiles(bench, ros2):
 
 def test_echo_prints_the_intervals_at_its_end(bench, ros2):
     result = ros2('topic', 'echo', '/chatter', until='hello\n---\ndata: hello\n---\n', code=signal.SIGINT)
-    assert re.search(r'intervals of the messages: 50 %: \d+us 95 %: \d+us 99 %: \d+us \(measured where', result.stderr)
+    expected = r'intervals of the messages: 50 %: \d+us 95 %: \d+us 99 %: \d+us \(measured at this receiver'
+    assert re.search(expected, result.stderr)
 
 
 def test_rate_is_that_of_the_window():
@@ -265,12 +266,13 @@ def test_goal_is_followed_to_its_end(bench, ros2):
     sent, followed = re.sub('[0-9a-f]{32}', 'ID', text).split('Goal accepted with ID: ID\n\n')
     assert sent.startswith(
         'Waiting for an action server to become available...\n'
-        "Sending goal:\n     motion: ''\nposes:\n- x: 0.1\n  y: 0.0\n  z: 0.0\n  phi: 0.0\nmove_time: 0.0\ncycles: 1\n"
+        "Sending goal:\n     session: ''\nmotion: ''\n"
+        'poses:\n- x: 0.1\n  y: 0.0\n  z: 0.0\n  phi: 0.0\nmove_time: 0.0\ncycles: 1\n'
         "controller: ''\nlearning_law: ''\n"
     )
     assert followed == (
-        'Feedback:\n    cycle: 1\njoints:\n- q1\nmax_dynamic_error:\n- 1.0e-06\n\n'
-        "Result:\n    cycles_completed: 1\nmessage: ''\n\n"
+        "Feedback:\n    session: ''\ncycle: 1\njoints:\n- q1\nmax_dynamic_error:\n- 1.0e-06\n\n"
+        "Result:\n    session: ''\ncycles_completed: 1\nmessage: ''\n\n"
         'Goal finished with status: SUCCEEDED\n'
     )
 

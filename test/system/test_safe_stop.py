@@ -57,7 +57,10 @@ def test_killed_controller_is_named_and_the_machine_stops(domain, tmp_path):
     events = read_topics(cut.path, ['/pkm/cycle_events'])['/pkm/cycle_events']
     assert any(event.event == CycleEvent.FAULT and 'd3' in event.message for event in events)
     for record in (whole, cut):
-        assert all(record.recorded[topic] >= count for topic, count in record.expected.items())
+        lost = {topic: count - record.recorded[topic] for topic, count in record.expected.items()}
+        lost = {topic: count for topic, count in lost.items() if count > 0}
+        # a process that is killed while it publishes may have reached the machine and not yet the recorder
+        assert lost in ({}, {'/pkm/d3/command': 1} if record is cut else {})
 
 
 def test_cell_continues_after_restart_and_reset(domain, tmp_path):
