@@ -47,15 +47,15 @@ class TickSubscription:
             served(message)
 
         self._serve = serve_both
-        self._subscription.callback = self._checked(serve_both)
+        self._subscription.callback = self._checked(served, callback)
         if self._node.executor is not None:  # the executor looks callbacks up in advance
             self._node.executor.wake()
 
-    def _checked(self, serve):
-        """Return `serve` for messages of the expected size and byte order only."""
+    def _checked(self, serve, tap=None):
+        """Return a callback that passes messages of the right size and byte order to `tap`, if any, then `serve`."""
         size = self._size
         if size is None:
-            return serve
+            return self._serve
 
         def take(data):
             if len(data) == size and data[:4] == _LITTLE_ENDIAN:
@@ -63,7 +63,14 @@ class TickSubscription:
             else:
                 self._refuse(data)
 
-        return take
+        def take_both(data):  # saves one call per message over take with serve_both
+            if len(data) == size and data[:4] == _LITTLE_ENDIAN:
+                tap(data)
+                serve(data)
+            else:
+                self._refuse(data)
+
+        return take if tap is None else take_both
 
     def _refuse(self, data):
         self.refused += 1
