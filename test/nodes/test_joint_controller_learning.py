@@ -98,7 +98,7 @@ def test_changed_motion_or_law_starts_learning_from_zero(graph, axis, learning, 
     if changed == {'motion': 'same name'}:
         second.motion = 'short'
         for row in range(SAMPLES):
-            second.position[4 * row + axis.column] += 10 * UM
+            second.position[4 * row + axis.column] += 0.5 * UM  # still at home
     axis.send(second)
     graph.next_event(CycleEvent.LOADED, cycle=2)
     assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES

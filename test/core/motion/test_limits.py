@@ -12,7 +12,7 @@ from pkm_core.errors import TrajectoryError
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import ArcTarget, Motion, Pose, Target, load_motion, plan
 from pkm_core.motion.profiles import MotionLimits
-from pkm_core.motion.trajectory import checked_joints, to_joints
+from pkm_core.motion.trajectory import checked_cycle, checked_joints, to_joints
 
 PLANAR = load_machine('planar')
 MOVE = Target(by={'d1': 5e-3, 'd3': 5e-3})
@@ -109,3 +109,14 @@ def test_motion_of_merged_targets_is_planned(tmp_path):
 def test_refused_model_is_an_error_of_its_fields():
     with pytest.raises(ValidationError, match='at least 1'):
         motion(targets=[])
+
+
+@pytest.mark.parametrize(('part', 'where'), [(slice(None), 'first'), (slice(-40, None), 'last')])
+def test_cycle_that_does_not_begin_and_end_at_home_is_refused(part, where):
+    """3 mm elsewhere: the whole motion, or its end, which then drifts away slowly."""
+    joints = to_joints(PLANAR, plan(PLANAR, load_motion('planar_80ms')))
+    position = joints.position.copy()
+    checked_cycle(PLANAR, joints)
+    position[part, 1] += np.linspace(0.0, 1e-5, 40) if where == 'last' else 3e-3
+    with pytest.raises(TrajectoryError, match=f'd3 is .* mm from home at the {where} sample; allowed 1 um'):
+        checked_cycle(PLANAR, replace(joints, position=position))

@@ -7,6 +7,7 @@ import numpy as np
 from pkm_core.errors import TrajectoryError
 from pkm_core.jet import Jet
 
+AT_HOME = 1e-6  # m; a cycle begins where the one before has ended, but for rounding
 DERIVATIVES = ('position', 'velocity', 'acceleration', 'jerk')
 
 
@@ -107,6 +108,28 @@ def checked_joints(machine, trajectory):
         machine, machine.inverse_dynamics(position, velocity, acceleration), machine.limits.thrust, 'needs', 'N', 1
     )
     _check_between_samples(machine, position)
+    return trajectory
+
+
+def checked_cycle(machine, trajectory):
+    """
+    Return the joint `trajectory` if it can be run as a cycle: within the limits, from home to home.
+
+    Raises
+    ------
+    TrajectoryError
+        As `checked_joints`, or if a joint is further than `AT_HOME` from home at the first or the last sample.
+
+    """
+    checked_joints(machine, trajectory)
+    for sample in (0, -1):
+        off = trajectory.position[sample] - machine.home
+        column = int(np.argmax(np.abs(off)))
+        if abs(off[column]) > AT_HOME:
+            raise TrajectoryError(
+                f'trajectory: {machine.joints[column]} is {off[column] * 1e3:.4g} mm from home at the '
+                f'{"first" if sample == 0 else "last"} sample; allowed {AT_HOME * 1e6:g} um'
+            )
     return trajectory
 
 

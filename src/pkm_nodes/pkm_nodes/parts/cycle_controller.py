@@ -13,7 +13,7 @@ from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.metrics import axis_metrics
-from pkm_core.motion.trajectory import SampledTrajectory
+from pkm_core.motion.trajectory import SampledTrajectory, checked_cycle
 from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerState
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
@@ -209,6 +209,7 @@ class CycleController:
                     f'or call machine/reset if it has none'
                 )
             trajectory = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
+            checked_cycle(machine, trajectory)  # also what a trajectory source of the user sends
             feedforward = feedforward_from_msg(message, trajectory.position.shape)
             self._law.check(message)
         except PkmError as error:
