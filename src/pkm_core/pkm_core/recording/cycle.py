@@ -40,6 +40,7 @@ class CycleRecording:
         self.motion, self.law = 'motion', 'none'
         self.trajectories: dict[str, bytes] = {}  # by topic; resent every second until the cycle starts
         self.first_tick: int | None = None
+        self.place = 0  # in the order in which cycles start, 0 before the first tick
         self.last_tick: int | None = None
         self.end_tick = inf  # first tick after the cycle
         self.expected: dict[str, int] = {}  # messages by topic, known once the cycle has ended
