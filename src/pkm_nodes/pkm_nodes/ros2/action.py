@@ -66,8 +66,14 @@ def _cancel(node, pending):
     handle = spin_until_done(node, pending, FIND_TIMEOUT)
     if not handle.accepted or handle.status >= GoalStatus.STATUS_SUCCEEDED:
         return
-    cancelling = handle.cancel_goal_async()
     print('Canceling goal...')
-    if not spin_until_done(node, cancelling, FIND_TIMEOUT).goals_canceling:
+    for last in (False, False, True):  # the machine moves: an answer that is lost is requested again
+        try:
+            answer = spin_until_done(node, handle.cancel_goal_async(), FIND_TIMEOUT)
+            break
+        except RuntimeError:
+            if last:
+                raise
+    if not answer.goals_canceling:
         raise RuntimeError('Failed to cancel goal')
     print('Goal canceled.')
