@@ -4,7 +4,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from array import array
 from pathlib import Path
 
@@ -15,9 +14,10 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.task import Future
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool
@@ -104,9 +104,20 @@ class Bench(Node):
             return SetParametersResult(successful=False, reason='gain must be at most 10')
         return SetParametersResult(successful=True)
 
-    def on_motion(self, goal):
+    def pause(self):
+        """Return a future that ends after 0.2 s."""
+        ended = Future()
+
+        def end():
+            self.destroy_timer(timer)
+            ended.set_result(None)
+
+        timer = self.create_timer(0.2, end)
+        return ended
+
+    async def on_motion(self, goal):
         for cycle in range(1, goal.request.cycles + 1):
-            time.sleep(0.2)
+            await self.pause()  # with several threads instead, rclpy now and then forgets a cancel request
             if goal.is_cancel_requested:
                 goal.canceled()
                 print(f'canceled {goal.request.motion}', flush=True)
@@ -377,7 +388,7 @@ def test_real_ros2_on_path_takes_over(ros2_environment, tmp_path):
 def main():
     rclpy.init()
     node = Bench()
-    executor = MultiThreadedExecutor(4)
+    executor = SingleThreadedExecutor()
     executor.add_node(node)
     print('ready', flush=True)
     try:

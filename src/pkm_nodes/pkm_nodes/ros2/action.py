@@ -1,6 +1,8 @@
 """`ros2 action send_goal`."""
 
+import signal
 import sys
+from contextlib import contextmanager
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
@@ -38,7 +40,8 @@ def send_goal(args):
         print(f'Sending goal:\n     {message_to_yaml(goal)}')
         pending = client.send_goal_async(goal, _print_feedback if args.feedback else None)
         try:
-            return _follow(node, pending)
+            with _interrupts() as check:
+                return _follow(node, pending, check)
         except BaseException:  # Ctrl-C, SIGTERM, a closed pipe: the machine must not keep moving
             _cancel(node, pending)
             raise
@@ -48,14 +51,34 @@ def _print_feedback(msg):
     print(f'Feedback:\n    {message_to_yaml(msg.feedback)}')
 
 
-def _follow(node, pending):
+@contextmanager
+def _interrupts():
+    """
+    Hold back Ctrl-C; yield a function that raises KeyboardInterrupt if it was pressed.
+
+    Raised within rclpy, the interrupt can leave the action client without answers: one cancel request in ten had none.
+    """
+    pressed = []
+
+    def check():
+        if pressed:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, lambda *_: pressed.append(True))
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _follow(node, pending, check):
     """Print the answer to the goal and its result."""
-    handle = spin_until_done(node, pending)
+    handle = spin_until_done(node, pending, check=check)
     if not handle.accepted:
         print('Goal was rejected.')
         return
     print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n')
-    answer = spin_until_done(node, handle.get_result_async())
+    answer = spin_until_done(node, handle.get_result_async(), check=check)
     names = {value: name for name, value in vars(GoalStatus).items() if name.startswith('STATUS_')}
     print(f'Result:\n    {message_to_yaml(answer.result)}')
     print(f'Goal finished with status: {names.get(answer.status, "UNKNOWN").removeprefix("STATUS_")}')

@@ -71,14 +71,15 @@ def ros_node(name=f'{NODE_PREFIX}_{os.getpid()}', use_sim_time=False):
         rclpy.try_shutdown()
 
 
-def spin_until_done(node, future, timeout=float('inf')):
-    """Spin until the future is done and return its result."""
+def spin_until_done(node, future, timeout=float('inf'), check=lambda: None):
+    """Spin until the future is done and return its result; `check()` may raise between two callbacks."""
     import rclpy
 
     deadline = time.monotonic() + timeout
     while not future.done():
         if time.monotonic() > deadline:
             raise RuntimeError(f'No answer within {timeout} s')
+        check()
         rclpy.spin_once(node, timeout_sec=POLL)
     return future.result()
 
