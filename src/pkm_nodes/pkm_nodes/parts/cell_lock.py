@@ -7,8 +7,12 @@ import re
 import socket
 import tempfile
 from pathlib import Path
+from time import monotonic, sleep
 
 from pkm_core.errors import PkmError
+
+# [s] a client that only looks whether the namespace is free holds the lock for microseconds
+_PATIENCE = 0.3
 
 
 def _folder():
@@ -51,13 +55,7 @@ class CellLock:
     """
 
     def __init__(self, namespace, node, session):
-        self._descriptor = os.open(_file(namespace), os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            holder = _read(self._descriptor)
-            os.close(self._descriptor)
-            raise PkmError(_refusal(namespace, holder)) from None
+        self._descriptor = _locked(namespace)
         domain = os.environ.get('ROS_DOMAIN_ID') or '0'
         facts = {'node': node, 'host': socket.gethostname(), 'pid': os.getpid(), 'domain': domain, 'session': session}
         os.ftruncate(self._descriptor, 0)
@@ -70,7 +68,24 @@ class CellLock:
 
 def require_free(namespace):
     """Raise the `PkmError` of `CellLock` if a machine of this user runs in `namespace`."""
-    CellLock(namespace, '', '').release()
+    os.close(_locked(namespace))
+
+
+def _locked(namespace):
+    """Return the descriptor of the lock file of `namespace`, locked; `PkmError` if it stays locked for `_PATIENCE`."""
+    descriptor = os.open(_file(namespace), os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    deadline = monotonic() + _PATIENCE
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return descriptor
+        except OSError:
+            if monotonic() < deadline:
+                sleep(0.02)
+                continue
+            holder = _read(descriptor)
+            os.close(descriptor)
+            raise PkmError(_refusal(namespace, holder)) from None
 
 
 def _read(descriptor):
