@@ -91,7 +91,8 @@ def campaign(attacks, seed, seconds, trials, world_of, tell):
             outcome = f'fell short: {fault}'
             tally.failures.append((number, str(fault)))
         except Exception as error:  # a fault of the attack itself must not end the campaign, nor count as held
-            outcome = f'fell short: {"".join(traceback.format_exception_only(error)).strip()}'
-            tally.failures.append((number, outcome))
+            fault = ''.join(traceback.format_exception_only(error)).strip()
+            outcome = f'fell short: {fault}'
+            tally.failures.append((number, fault))
         tell(number, each, outcome)
     return tallies

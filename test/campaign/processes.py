@@ -18,16 +18,17 @@ NODES = [
 ]
 # [s, wall] a client needs after its answer to end a process that is stopped
 _STOPPING = 15.0
-# [s, wall] typical time of start and of three cycles of a cell in processes on two cores
-_START, _CYCLES = 12.0, 6.0
+_CYCLES = 6
+# [s, wall] typical time of a start and of one cycle of a cell in processes on two cores
+_START, _CYCLE = 12.0, 0.6
 
 
 def _disturb(world, draw, name, sent):
-    """Send the signal `sent` to a node at a random tick of a run of three cycles; check client, bags and leftovers."""
-    out = world.folder / 'run'
-    client = world.pkm('run', '--arrangement', 'processes', '--cycles', 3, '--out', out)
-    world.wait_for(lambda: any(out.glob('bags/*')) or client.poll() is not None, RUN, 'the first cycle')
-    _wait(draw.uniform(0.0, _CYCLES), client)
+    """Send the signal `sent` to a node at a random tick of a run; check client, bags and leftovers."""
+    out, bags = world.folder / 'run', draw.randint(1, _CYCLES - 1)
+    client = world.pkm('run', '--arrangement', 'processes', '--cycles', _CYCLES, '--out', out)
+    world.wait_for(lambda: len(list(out.glob('bags/*'))) >= bags or client.poll() is not None, RUN, f'{bags} cycles')
+    _wait(draw.uniform(0.0, _CYCLE), client)
     pid = world.find(name)
     if pid is None or client.poll() is not None:
         return f'{name} had ended before'
@@ -66,8 +67,8 @@ def interrupt_a_run(world, draw):
     """SIGINT or SIGTERM of `pkm run` at any moment of start and run."""
     sent, arrangement = draw.choice([signal.SIGINT, signal.SIGTERM]), draw.choice(['composed', 'processes'])
     out = world.folder / 'run'
-    client = world.pkm('run', '--arrangement', arrangement, '--cycles', 3, '--out', out)
-    delay = draw.uniform(0.0, _START + _CYCLES)
+    client = world.pkm('run', '--arrangement', arrangement, '--cycles', _CYCLES, '--out', out)
+    delay = draw.uniform(0.0, _START + _CYCLES * _CYCLE)
     _wait(delay, client)
     what = f'{sent.name} {delay:.2f} s after the start of pkm run --arrangement {arrangement}'
     ended = client.poll() is not None
@@ -86,8 +87,8 @@ def interrupt_a_run(world, draw):
 def kill_the_client(world, draw):
     """Without its client a cell must not run on."""
     arrangement, out = draw.choice(['composed', 'processes']), world.folder / 'run'
-    client = world.pkm('run', '--arrangement', arrangement, '--cycles', 3, '--out', out)
-    delay = draw.uniform(0.0, _START + _CYCLES)
+    client = world.pkm('run', '--arrangement', arrangement, '--cycles', _CYCLES, '--out', out)
+    delay = draw.uniform(0.0, _START + _CYCLES * _CYCLE)
     _wait(delay, client)
     client.kill()
     client.wait()
