@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pkm_core.bag.reader import column, read_metadata, read_topics
+from pkm_core.bag.reader import column, damage_refused, read_metadata, read_topics
 from pkm_core.errors import BagError
 from pkm_core.motion.metrics import axis_metrics
 
@@ -71,6 +71,12 @@ def read_cycle(path, namespace=None):
 
     """
     info, messages = read_metadata(path), read_topics(path)
+    with damage_refused(path):
+        return _checked(_record(path, info, messages, namespace))
+
+
+def _record(path, info, messages, namespace):
+    """Return the `CycleRecord` of the `messages` of a bag; any error if they contradict each other."""
     namespace = namespace or _namespace(path, messages)
     trajectory, reference = _trajectory(path, messages, namespace, 'joint')
     poses, pose_reference = _trajectory(path, messages, namespace, 'pose')
@@ -102,9 +108,35 @@ def read_cycle(path, namespace=None):
         laser_time=column(laser, 'time') - start,
         laser=column(laser, 'displacement').reshape(-1, len(poses.coordinates)),
         recorded={t['topic_metadata']['name']: t['message_count'] for t in info['topics_with_message_count']},
-        expected=json.loads(facts.get('expected', '{}')),
+        expected=_expected(path, facts),
         facts={key: value for key, value in facts.items() if key != 'expected'},
     )
+
+
+def _expected(path, facts):
+    expected = json.loads(facts.get('expected', '{}'))
+    if not isinstance(expected, dict) or not all(isinstance(count, int) for count in expected.values()):
+        raise BagError(f"{path}: custom_data 'expected' is no mapping of topics to counts")
+    return expected
+
+
+def _checked(record):
+    """Return `record`; `BagError` if its numbers are not those of a cycle."""
+    _require_times(record)
+    for name in ('position', 'reference', 'pose_reference', 'voltage', 'feedforward', 'laser_time', 'laser'):
+        if not np.isfinite(getattr(record, name)).all():
+            raise BagError(f'{record.path}: {name} is not finite')
+    return record
+
+
+def _require_times(record):
+    """Refuse a sample time or moves that no trajectory has."""
+    starts, ends = record.move_starts, record.move_ends
+    if not 0 < record.sample_time < np.inf:
+        raise BagError(f'{record.path}: the sample time is {record.sample_time} s; expected a positive number')
+    in_order = starts.shape == ends.shape and starts.size > 0 and (starts < ends).all()
+    if not (in_order and starts[0] >= 0 and ends[-1] < record.samples and (ends[:-1] <= starts[1:]).all()):
+        raise BagError(f'{record.path}: its moves are not in order within {record.samples} samples')
 
 
 def _namespace(path, messages):

@@ -24,13 +24,26 @@ def typestore():
 
 
 def types_of(schemas):
-    """Return the message types defined by the MCAP `schemas` of a bag; they may be older than the installed ones."""
+    """
+    Return the message types defined by the MCAP `schemas` of a bag; they may be older than the installed ones.
+
+    Raises
+    ------
+    BagError
+        If a definition is none; the type is named.
+
+    """
     return _types(frozenset((schema.name, schema.data) for schema in schemas))
 
 
 @cache  # the bags of a run have the same types, and a typestore compiles its readers
 def _types(definitions):
     store = get_typestore(Stores.EMPTY)
-    for name, text in definitions:
-        store.register(get_types_from_msg(text.decode(), name))
+    for name, text in sorted(definitions):
+        try:
+            store.register(get_types_from_msg(text.decode(), name))
+            store.get_msgdef(name)
+        except Exception as error:  # rosbags raises whatever the odd text leads to
+            reason = ' '.join(str(error).split())[:100]
+            raise BagError(f'{name}: its definition in the bag cannot be used: {reason}') from None
     return store

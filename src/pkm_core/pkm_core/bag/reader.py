@@ -4,71 +4,134 @@ Reads bags without ROS: rosbag2 folders of MCAP files and a metadata.yaml, as wr
 The time of a message is the simulated time of its tick.
 """
 
-import struct
 from contextlib import contextmanager
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
-import yaml
-from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
-from rosbags.serde import SerdeError
-from rosbags.typesys import TypesysError
-from zstandard import ZstdError
 
 from pkm_core.bag.message_types import types_of
 from pkm_core.errors import BagError
-
-# errors raised for a damaged file; a wrong checksum of a chunk is a ValueError
-DAMAGE = (McapError, SerdeError, TypesysError, ZstdError, struct.error, ValueError, KeyError)
+from pkm_core.mcap_records import McapFile
+from pkm_core.yaml_text import LONGEST_WRITTEN, YamlError, parse_written, read_text
 
 
 @contextmanager
 def damage_refused(file, advice=''):
-    """Convert the errors of the readers for an unreadable or damaged `file` into a `BagError`."""
+    """
+    Convert any error about an unreadable or damaged `file` into a `BagError` of one line.
+
+    The packages mcap, rosbags, zstandard and lz4 raise two dozen kinds of errors for a damaged file.
+    """
     try:
         yield
     except BagError:
         raise
     except OSError as error:
-        raise BagError(f'{file}: cannot be read: {error.strerror}') from None
-    except (AttributeError, *DAMAGE) as error:  # AttributeError: the summary or a schema is missing
+        raise BagError(f'{file}: cannot be read: {error.strerror or error}') from None
+    except Exception as error:
         raise BagError(f'{file}: cannot be read as a bag: {_reason(error)}{advice}') from None
 
 
 @contextmanager
-def _reader(file, bag):
-    """Open `file` of the bag `bag` and yield its reader."""
-    with damage_refused(file, f'; try: pkm bag-doctor {bag}'), file.open('rb') as stream:
-        yield SeekingReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size)
+def opened(file, advice=''):
+    """Open the MCAP file `file` and yield its `McapFile`; errors as `damage_refused`."""
+    with damage_refused(file, advice):
+        if not file.is_file():
+            raise BagError(f'{file}: is no regular file' if file.exists() else f'{file}: no such file')
+        with file.open('rb') as stream:
+            yield McapFile(stream)
+
+
+def _doctor(bag):
+    return f'; try: pkm bag-doctor {bag}'
 
 
 def _reason(error):
-    """Return the text of `error` in one line."""
-    return ' '.join(str(error).split()) or type(error).__name__
+    """Return the text of `error` in one line of at most 200 characters."""
+    text = ' '.join(str(error).split())[:200]
+    if isinstance(error, KeyError):
+        return f'{text} is missing or unknown'
+    return text or type(error).__name__
 
 
 def read_metadata(path):
-    """Return the content of metadata.yaml of the bag folder `path`."""
-    file = Path(path) / 'metadata.yaml'
-    if not file.exists() and any(Path(path).glob('*.mcap')):
-        raise BagError(f'{path}: has no metadata.yaml (the recorder was killed); try: pkm bag-doctor {path}')
+    """
+    Return the content of metadata.yaml of the bag folder `path`.
+
+    Raises
+    ------
+    BagError
+        If there is none, or it is not what a recorder writes.
+
+    """
+    path = Path(path)
+    file = path / 'metadata.yaml'
+    if not file.exists() and any(path.glob('*.mcap')):
+        raise BagError(f'{path}: has no metadata.yaml (the recorder was killed){_doctor(path)}')
     try:
-        return yaml.load(file.read_text(encoding='utf-8'), yaml.CSafeLoader)['rosbag2_bagfile_information']
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise BagError(f'{file}: cannot be read as the metadata of a bag: {_reason(error)}') from None
+        content = parse_written(read_text(file, LONGEST_WRITTEN))
+    except (OSError, UnicodeDecodeError, YamlError) as error:
+        reason = getattr(error, 'strerror', None) or _reason(error)
+        raise BagError(f'{file}: cannot be read as the metadata of a bag: {reason}') from None
+    wrong = _wrong_in(content)
+    if wrong:
+        raise BagError(f'{file}: cannot be read as the metadata of a bag: {wrong}{_doctor(path)}')
+    return content['rosbag2_bagfile_information']
+
+
+def _wrong_in(content):
+    """Return what `content` lacks as the metadata of a bag, or ''."""
+    info = content.get('rosbag2_bagfile_information') if isinstance(content, dict) else None
+    if not isinstance(info, dict):
+        return "has no mapping 'rosbag2_bagfile_information'"
+    topics, facts, files = (
+        info.get(key) for key in ('topics_with_message_count', 'custom_data', 'relative_file_paths')
+    )
+    if not _is_count(info.get('message_count')):
+        return f'message_count is {info.get("message_count")!r:.80}; expected an integer, 0 or more'
+    if not isinstance(topics, list) or not all(map(_is_topic, topics)):
+        return 'topics_with_message_count is no list of topics, each with name, type and message_count'
+    if not isinstance(files, list) or not all(isinstance(name, str) for name in files):
+        return 'relative_file_paths is no list of names'
+    if facts is not None and not (isinstance(facts, dict) and all(map(_is_fact, facts.items()))):
+        return 'custom_data is no mapping of texts'
+    return ''
+
+
+def _is_count(value):
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def _is_topic(entry):
+    about = entry.get('topic_metadata') if isinstance(entry, dict) else None
+    named = isinstance(about, dict) and all(isinstance(about.get(key), str) for key in ('name', 'type'))
+    return named and _is_count(entry.get('message_count'))
+
+
+def _is_fact(item):
+    return all(isinstance(text, str) for text in item)
 
 
 def bag_files(path):
-    """Return the MCAP files of the bag folder `path`, oldest first, or `path` if it is a file; else `BagError`."""
+    """
+    Return the MCAP files of the bag folder `path`, oldest first, or `path` if it is a file; else `BagError`.
+
+    Hidden files, such as ``._x.mcap`` of macOS, do not count.
+    """
     path = Path(path)
     if path.is_file():
         return [path]
     if not path.exists():
         raise BagError(f'{path}: no such file or folder')
-    files = list(path.glob('*.mcap'))
+    if not path.is_dir():
+        raise BagError(f'{path}: is no regular file and no folder')
+    with damage_refused(path):
+        files = [file for file in path.glob('*.mcap') if not file.name.startswith('.')]
+    odd = [file for file in files if not file.is_file()]
+    if odd:
+        raise BagError(f'{odd[0]}: is no regular file; expected an MCAP file')
     if len(files) == 1:
         return files
     # a split bag: NAME_0.mcap, NAME_1.mcap, ...
@@ -98,9 +161,8 @@ def raw_messages(path, topics=None):
 
 
 def _file_messages(file, bag, topics):
-    with _reader(file, bag) as reader:
-        for schema, channel, message in reader.iter_messages(topics):
-            yield channel.topic, schema.name, message.data, message.log_time
+    with opened(file, _doctor(bag)) as mcap:
+        yield from mcap.messages(topics)
 
 
 def read_topics(path, topics=None):
@@ -127,13 +189,26 @@ def read_topics(path, topics=None):
     """
     messages, schemas = {topic: [] for topic in topics or ()}, {}
     for file in bag_files(path):
-        with _reader(file, path) as reader:
-            schemas |= {schema.name: schema for schema in reader.get_summary().schemas.values()}
-    with damage_refused(path):
-        types = types_of(schemas.values())
-        for topic, kind, data, _ in raw_messages(path, topics):
-            messages.setdefault(topic, []).append(types.deserialize_cdr(data, kind))
+        with opened(file, _doctor(path)) as mcap:
+            summary = mcap.summary()
+            if summary is None:
+                raise BagError(f'{file}: has no summary{_doctor(path)}')
+            schemas |= {schema.name: schema for schema in summary.schemas.values()}
+    types = _types_of(path, schemas)
+    for topic, kind, data, _ in raw_messages(path, topics):
+        taken = messages.setdefault(topic, [])
+        try:
+            taken.append(types.deserialize_cdr(data, kind))
+        except Exception as error:  # rosbags raises whatever the odd bytes lead to
+            raise BagError(f'{path}: {topic}: message {len(taken)} is not a {kind}: {_reason(error)}') from None
     return messages
+
+
+def _types_of(path, schemas):
+    try:
+        return types_of(schemas.values())
+    except BagError as error:
+        raise BagError(f'{path}: {error}') from None
 
 
 def column(messages, field):

@@ -7,17 +7,19 @@ Every intact chunk, by length and checksum, is copied to a new bag next to the o
 import json
 import shutil
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
 
+from pkm_core.bag.integrity import is_whole
 from pkm_core.bag.message_types import types_of
-from pkm_core.bag.reader import DAMAGE, bag_files, damage_refused, raw_messages, read_metadata
+from pkm_core.bag.reader import bag_files, damage_refused, opened
 from pkm_core.bag.writer import BagWriter
 from pkm_core.errors import BagError
+from pkm_core.mcap_records import RawMessage, raw
 
 _INTERFACES = 'pkm_interfaces/msg/'
 _RUN = 0  # EncoderSample.RUN
@@ -39,25 +41,23 @@ class _Salvage:
     """Intact content of the MCAP `files` of one bag."""
 
     def __init__(self, files):
+        self._name = files[-1]
         self.metadata = {}
         self.damaged_chunks = 0
         self.lost_bytes = 0  # after the last whole record of a file
         self._schemas, self._channels, self._messages = {}, {}, []
         for file in files:
-            with damage_refused(file):
-                self._read(file)
+            with opened(file) as mcap:
+                self._read(mcap)
 
-    def _read(self, file):
+    def _read(self, mcap):
         end = 0
-        with file.open('rb') as stream:
-            records = StreamReader(stream, emit_chunks=True, record_size_limit=file.stat().st_size).records
-            try:
-                for record in records:
-                    end = stream.tell()
-                    self._take(record)
-            except DAMAGE:
-                pass  # end of the intact records
-        self.lost_bytes += file.stat().st_size - end
+        with suppress(Exception):  # the mcap package raises whatever the damage leads to
+            for record in mcap.records():
+                end = mcap.tell()
+                self._take(mcap, record)
+            end = mcap.tell()  # after the magic bytes that follow the footer
+        self.lost_bytes += mcap.size - end
 
     @cached_property
     def types(self):
@@ -67,30 +67,35 @@ class _Salvage:
     @cached_property
     def topics(self):
         """Message type by topic."""
+        orphans = [channel.topic for channel in self._channels.values() if channel.schema_id not in self._schemas]
+        if orphans:
+            raise BagError(f'{self._name}: {orphans[0]}: its messages have no schema')
         return {channel.topic: self._schemas[channel.schema_id].name for channel in self._channels.values()}
 
-    def _take(self, record):
+    def _take(self, mcap, record):
         if isinstance(record, Chunk):
             try:
-                content = breakup_chunk(record, validate_crc=True)
-            except DAMAGE:
+                content = mcap.unpack(record)
+            except Exception:  # so do the packages that decompress
                 self.damaged_chunks += 1
                 return
             for inner in content:
-                self._take(inner)
+                self._take(mcap, inner)
         elif isinstance(record, Schema):
             self._schemas.setdefault(record.id, record)  # the copies in the summary have no checksum
         elif isinstance(record, Channel):
             self._channels.setdefault(record.id, record)
-        elif isinstance(record, Message):
+        elif isinstance(record, RawMessage):
             self._messages.append(record)
+        elif isinstance(record, Message):
+            self._messages.append(raw(record))
         elif isinstance(record, Metadata):
             self.metadata[record.name] = record.metadata
 
     def messages(self):
         """Return (topic, serialized bytes, time [ns]) in the order of the file."""
-        known = [m for m in self._messages if m.channel_id in self._channels]
-        return [(self._channels[m.channel_id].topic, m.data, m.log_time) for m in known]
+        known = [m for m in self._messages if m.channel in self._channels]
+        return [(self._channels[m.channel].topic, m.data, m.time) for m in known]
 
     def read(self, name):
         """Return the messages of the type `name` of pkm_interfaces by topic, an empty list where nothing is whole."""
@@ -109,12 +114,12 @@ def repair(path):
     Parameters
     ----------
     path : Path
-        Folder of the bag, or its MCAP file.
+        Folder of the bag, or its MCAP file. A file within the folder of a bag stands for that folder.
 
     Returns
     -------
     repair : Repair or None
-        None if the bag is intact.
+        None if the bag is intact, see `is_whole`.
 
     Raises
     ------
@@ -122,13 +127,13 @@ def repair(path):
         If `path` is not a bag of this cell, has no intact chunk, or the new bag exists or cannot be written.
 
     """
-    path = Path(path).resolve()
+    path = _bag_of(Path(path).resolve())
     files = bag_files(path)
     found = _Salvage(files)
     with damage_refused(files[-1]):
         if 'pkm' not in found.metadata:
             raise BagError(f"{files[-1]}: not a bag of this cell: has no MCAP metadata record 'pkm'")
-        if _is_whole(path):
+        if is_whole(path):
             return None
         if not found.messages():
             raise BagError(f'{files[-1]}: has no intact chunk of messages; nothing can be saved')
@@ -148,25 +153,29 @@ def repair(path):
     )
 
 
+def _bag_of(path):
+    """Return the folder of the bag if `path` is a file in it, else `path`."""
+    folder = path.parent
+    is_part = (folder / 'metadata.yaml').exists() or path.stem.rpartition('_')[0] == folder.name
+    return folder if path.is_file() and is_part else path
+
+
 def _write(target, found, expected, name):
-    """Write the new bag."""
+    """Write the new bag; nothing is left of it if that fails."""
     if target.exists():
         raise BagError(f'{target}: exists and is not overwritten')
     try:
-        writer = BagWriter(target, found.topics, found.metadata['pkm'], found.types)
-        for message in found.messages():
-            writer.write(*message)
-        writer.close({'expected': json.dumps(expected), 'repaired_from': name})
+        with damage_refused(name):
+            writer = BagWriter(target, found.topics, found.metadata['pkm'], found.types)
+            for message in found.messages():
+                writer.write(*message)
+            writer.close({'expected': json.dumps(expected), 'repaired_from': name})
     except OSError as error:
         shutil.rmtree(target, ignore_errors=True)
         raise BagError(f'{target}: cannot be written: {error.strerror}') from None
-
-
-def _is_whole(path):
-    try:
-        return read_metadata(path)['message_count'] == sum(1 for _ in raw_messages(path))
     except BagError:
-        return False
+        shutil.rmtree(target, ignore_errors=True)
+        raise
 
 
 def _planned_ticks(found, encoders, commands):

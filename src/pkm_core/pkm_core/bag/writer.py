@@ -68,7 +68,8 @@ class BagWriter:
         self._file = self.path / f'{self.path.name}_{len(self._closed)}.mcap'
         self._stream = self._file.open('wb')
         # only `_flush` ends chunks: one ended by the writer itself would stay in the stream's buffer
-        self._writer = BlockWriter(self._stream, chunk_size=sys.maxsize, compression=CompressionType.ZSTD)
+        options = {'compression': CompressionType.ZSTD, 'enable_data_crcs': True}
+        self._writer = BlockWriter(self._stream, chunk_size=sys.maxsize, **options)
         self._writer.start(profile='ros2', library='pkm_core')
         schemas = {kind: self._writer.register_schema(kind, 'ros2msg', text) for kind, text in self._schemas.items()}
         self._channels = {

@@ -66,7 +66,13 @@ def read_run(folder):
     facts |= _results(folder)
     if 'machine' not in facts:
         raise PkmError(f'{folder}: neither results.json nor the bags name the machine')
-    return Run(folder.name, load_machine(facts['machine']), facts, records, remarks)
+    machine = load_machine(facts['machine'])
+    for record in records:
+        if record.joints != machine.joints:
+            raise BagError(
+                f'{record.path}: has joints {list(record.joints)}; {machine.name} has {list(machine.joints)}'
+            )
+    return Run(folder.name, machine, facts, records, remarks)
 
 
 def _results(folder):
@@ -77,5 +83,5 @@ def _results(folder):
     try:
         results = json.loads(file.read_text(encoding='utf-8'))
         return {key: value for key, value in results.items() if not isinstance(value, (dict, list))}
-    except (OSError, ValueError, AttributeError) as error:
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise PkmError(f'{file}: cannot be read as the results of a run: {error}') from None

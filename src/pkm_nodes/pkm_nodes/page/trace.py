@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
 
-from pkm_core.bag.reader import bag_files
+from pkm_core.bag.reader import raw_messages
 from pkm_core.errors import BagError
 
 # A serialized MotorCommand: CDR header, then the fields of the message, each aligned to its size. Read as one array:
@@ -36,14 +34,11 @@ def read_trace(path, cycle, joints, namespace):
     if not Path(path).exists():
         raise BagError(f'{path}: no such bag on this computer')
     taken = {f'{namespace}/{joint}/command': [] for joint in joints}
-    try:
-        for file in bag_files(path):
-            with file.open('rb') as stream:
-                for _, channel, message in make_reader(stream).iter_messages(topics=list(taken), log_time_order=False):
-                    taken[channel.topic].append(message.data)
-        columns = [np.frombuffer(b''.join(messages), _COMMAND) for messages in taken.values()]
-    except (OSError, McapError, ValueError) as error:
-        raise BagError(f'{path}: cannot be read as a bag of this cell: {error}') from None
+    for topic, _, data, _ in raw_messages(path, taken):
+        if len(data) != _COMMAND.itemsize:
+            raise BagError(f'{path}: {topic}: a command has {len(data)} bytes; expected {_COMMAND.itemsize}')
+        taken[topic].append(data)
+    columns = [np.frombuffer(b''.join(messages), _COMMAND) for messages in taken.values()]
     length = min(map(len, columns))
     if length == 0 or any(not np.array_equal(each['tick'][:length], columns[0]['tick'][:length]) for each in columns):
         raise BagError(f'{path}: has no tick with a command of every joint of {list(joints)}')

@@ -7,11 +7,10 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-from mcap.reader import make_reader
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Message, Schema
 
+from pkm_core.mcap_records import McapFile, RawMessage, raw
+from pkm_core.yaml_text import LONGEST_WRITTEN, YamlError, parse_written, read_text
 from pkm_nodes.ros2.shared import add_commands
 
 SERVICE_TOPIC = '/_service_event'  # the end of the topic on which a service's calls are recorded
@@ -71,6 +70,8 @@ def info(args):
         bag = read_folder(path)
     elif path.is_dir():
         return f'Could not find metadata in bag directory {path}'
+    elif not path.is_file():
+        return f'No plugin detected that could open file {path} (no regular file)'
     else:
         bag = read_mcap(path)
     if args.topic_name:
@@ -85,9 +86,10 @@ def info(args):
 def read_folder(path):
     """Return the Bag of a rosbag2 folder, from its metadata.yaml."""
     try:
-        about = yaml.safe_load((path / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+        text = read_text(path / 'metadata.yaml', LONGEST_WRITTEN)
+        about = parse_written(text)['rosbag2_bagfile_information']
         return Bag(
-            files=about['relative_file_paths'],
+            files=[str(name) for name in about['relative_file_paths']],
             size=sum(file.stat().st_size for file in path.iterdir() if file.is_file()),
             storage=about['storage_identifier'],
             distro=about.get('ros_distro', ''),
@@ -95,27 +97,27 @@ def read_folder(path):
             duration=int(about['duration']['nanoseconds']),
             messages=int(about['message_count']),
             topics=[
-                Topic(meta['name'], meta['type'], entry['message_count'], meta['serialization_format'])
+                Topic(str(meta['name']), str(meta['type']), int(entry['message_count']), meta['serialization_format'])
                 for entry in about['topics_with_message_count']
                 for meta in [entry['topic_metadata']]
             ],
         )
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RuntimeError(f'Exception on parsing info file: {getattr(error, "problem", repr(error))}') from error
+    except (YamlError, OSError, KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        reason = str(error) if isinstance(error, YamlError) else repr(error)
+        raise RuntimeError(f'Exception on parsing info file: {reason[:300]}') from error
 
 
 def read_mcap(path):
     """Return the Bag of an MCAP file, from its summary; without one, as of a killed recorder, from its messages."""
     with path.open('rb') as stream:
+        mcap, distros = McapFile(stream), []
         try:
-            reader = make_reader(stream)
-            summary = reader.get_summary()
+            summary = mcap.summary()
             stats, schemas, channels = summary.statistics, summary.schemas, summary.channels
             start, end, counts = stats.message_start_time, stats.message_end_time, stats.channel_message_counts
-            distros = [record.metadata.get('ROS_DISTRO', '') for record in reader.iter_metadata()]
+            distros = [record.metadata.get('ROS_DISTRO', '') for record in mcap.metadata(summary)]
         except Exception:  # damage shows in many ways: a bad magic, an end of file, a failed decompression ...
-            schemas, channels, counts, start, end = _scan(path, stream)
-            distros = []
+            schemas, channels, counts, start, end = _scan(path, McapFile(stream))
     return Bag(
         files=[str(path)],
         size=path.stat().st_size,
@@ -125,25 +127,31 @@ def read_mcap(path):
         duration=end - start,
         messages=sum(counts.values()),
         topics=[
-            Topic(channel.topic, schemas[channel.schema_id].name, counts.get(key, 0), channel.message_encoding)
+            Topic(channel.topic, _kind(schemas, channel), counts.get(key, 0), channel.message_encoding)
             for key, channel in sorted(channels.items())
         ],
     )
 
 
-def _scan(path, stream):
+def _kind(schemas, channel):
+    """Return the type of the messages of `channel`, '' without a schema."""
+    return schemas[channel.schema_id].name if channel.schema_id in schemas else ''
+
+
+def _scan(path, mcap):
     """Return schemas, channels, message counts, first and last time [ns] of the complete records of an MCAP file."""
     schemas, channels, counts, times = {}, {}, Counter(), []
-    stream.seek(0)
     try:
-        for record in StreamReader(stream).records:
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message):
-                counts[record.channel_id] += 1
-                times = [min(record.log_time, *times), max(record.log_time, *times)] if times else [record.log_time] * 2
+        for record in mcap.records():
+            for inner in mcap.unpack(record) if isinstance(record, Chunk) else [record]:
+                if isinstance(inner, Schema):
+                    schemas[inner.id] = inner
+                elif isinstance(inner, Channel):
+                    channels[inner.id] = inner
+                elif isinstance(inner, (RawMessage, Message)):
+                    message = inner if isinstance(inner, RawMessage) else raw(inner)
+                    counts[message.channel] += 1
+                    times = [min([message.time, *times]), max([message.time, *times])]
     except Exception as error:  # as above; the complete records end here
         if not counts:
             raise RuntimeError(f'No plugin detected that could open file {path} ({type(error).__name__})') from error
@@ -193,5 +201,8 @@ def _seconds(nanoseconds):
 
 
 def _date(nanoseconds):
-    day, clock = time.strftime('%b %e %Y|%H:%M:%S', time.localtime(nanoseconds // 10**9)).split('|')
+    try:
+        day, clock = time.strftime('%b %e %Y|%H:%M:%S', time.localtime(nanoseconds // 10**9)).split('|')
+    except (OverflowError, OSError, ValueError):  # beyond what a date can be
+        return f'({_seconds(nanoseconds)})'
     return f'{day} {clock}.{nanoseconds % 10**9:09d} ({_seconds(nanoseconds)})'
