@@ -17,7 +17,8 @@ from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
 from pkm_core.errors import BagError, PkmError
 from pkm_core.identification import IdentificationError
-from pkm_core.identification.bag_data import Signal, read_axis, read_cell_bag
+from pkm_core.identification.bag_data import read_axis, read_cell_bag
+from pkm_core.identification.bag_series import Signal
 from pkm_core.identification.excitation import slow_moves, sweeps
 from pkm_core.identification.frequency_response import estimate_response
 from pkm_core.identification.identify import identify_joint

@@ -211,9 +211,11 @@ def test_moves_at_constant_speed_are_refused(seed):
         fit_low_frequency([data], KnownDynamics(RIGID.current_loop))
 
 
-def test_saturated_moves_are_counted():
-    fit = fit_low_frequency([replace(closed_loop(moves()), limit=1.0)], KNOWN)
-    assert any(text.endswith('samples of the moves are at the limit of 1 V') for text in fit.warnings)
+def test_few_saturated_samples_are_counted_and_many_refused():
+    fit = fit_low_frequency([replace(closed_loop(moves()), limit=1.9265)], KNOWN)
+    assert any(text.endswith('samples of the moves are at the limit of 1.9265 V') for text in fit.warnings)
+    with pytest.raises(IdentificationError, match=r'the drive is saturated: \d\d\.\d % .* at 1 V; allowed 1 %'):
+        fit_low_frequency([replace(closed_loop(moves()), limit=1.0)], KNOWN)
 
 
 def test_response_without_noise_is_that_of_the_plant():

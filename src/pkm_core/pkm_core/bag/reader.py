@@ -31,7 +31,7 @@ def damage_refused(file, advice=''):
     except OSError as error:
         raise BagError(f'{file}: cannot be read: {error.strerror or error}') from None
     except Exception as error:
-        raise BagError(f'{file}: cannot be read as a bag: {_reason(error)}{advice}') from None
+        raise BagError(f'{file}: cannot be read as a bag: {reason_of(error)}{advice}') from None
 
 
 @contextmanager
@@ -48,7 +48,7 @@ def _doctor(bag):
     return f'; try: pkm bag-doctor {bag}'
 
 
-def _reason(error):
+def reason_of(error):
     """Return the text of `error` in one line of at most 200 characters."""
     text = ' '.join(str(error).split())[:200]
     if isinstance(error, KeyError):
@@ -73,7 +73,7 @@ def read_metadata(path):
     try:
         content = parse_written(read_text(file, LONGEST_WRITTEN))
     except (OSError, UnicodeDecodeError, YamlError) as error:
-        reason = getattr(error, 'strerror', None) or _reason(error)
+        reason = getattr(error, 'strerror', None) or reason_of(error)
         raise BagError(f'{file}: cannot be read as the metadata of a bag: {reason}') from None
     wrong = _wrong_in(content)
     if wrong:
@@ -200,7 +200,7 @@ def read_topics(path, topics=None):
         try:
             taken.append(types.deserialize_cdr(data, kind))
         except Exception as error:  # rosbags raises whatever the odd bytes lead to
-            raise BagError(f'{path}: {topic}: message {len(taken)} is not a {kind}: {_reason(error)}') from None
+            raise BagError(f'{path}: {topic}: message {len(taken)} is not a {kind}: {reason_of(error)}') from None
     return messages
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.coupling import reaction_voltage
 
+# largest share of samples at the drive's limit
+SATURATED = 0.01
 _FOLLOWS = 0.5  # least range of motion over that of the reference; any closed loop is close to 1
 
 

@@ -1,19 +1,19 @@
 """Read identification records from bags: bags of this cell, and any other axis by topics, fields and units."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.bag.reader import read_topics
-from pkm_core.errors import BagError
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.axis_data import AxisData, JointRecord
+from pkm_core.identification.bag_series import read_series
 from pkm_core.quantities import QuantityError, scale
 
 _SAME = 1e-3  # [sample times] closer stamps count as equal
 _LARGEST_GAP = 10  # [median sample times] a longer gap is missing data, not jitter
+_SHARED = 0.9  # share of the longest signal that all should have
 
 
 def read_cell_bag(machine, path, namespace='/pkm'):
@@ -69,21 +69,12 @@ def _excitation(machine, path, namespace, name, whole, samples):
     return volts[:samples]
 
 
-@dataclass(frozen=True)
-class Signal:
-    """Topic, field and unit of a signal in a bag."""
-
-    topic: str
-    field: str = 'data'  # e.g. 'effort[2]', 'pose.position.x', or 'position[elbow]' in a message with `name`
-    unit: str = '1'  # any unit of pint; '0.2 um' for counts of that size
-
-
 def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0, limit=np.inf):
     """
     Return (AxisData, dead time beyond whole samples [s], warnings) of an axis from any bag.
 
-    The time of a sample is its header stamp; without a header it is the time of reception. All signals are resampled
-    at the median sample time of `sensor`. Positions are interpolated linearly; drive and excitation are held.
+    See `bag_series` for the time of a sample. All signals are resampled at the median sample time of `sensor`.
+    Positions are interpolated linearly; drive and excitation are held.
 
     Parameters
     ----------
@@ -101,23 +92,26 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
     BagError
         If `path` cannot be read, or lacks a topic or field.
     IdentificationError
-        If a signal has fewer than two messages or a gap, or a unit does not fit.
+        If a signal has fewer than two messages, a gap, or a clock that steps back or never meets that of the others;
+        if a unit does not fit, or more than the allowed share of the drive is at `limit`.
 
     """
     given = {'drive': drive, 'sensor': sensor, 'reference': reference, 'excitation': excitation}
     signals = {name: signal for name, signal in given.items() if signal is not None}
-    series = _read_series(path, signals)
+    found, warnings = read_series(path, signals)
     scales = {name: _scale(name, signal.unit) for name, signal in signals.items()}
     for name, partner in (('reference', 'sensor'), ('excitation', 'drive')):
         if name in scales and scales[name][1] != scales[partner][1]:
             raise IdentificationError(
                 f'{name} in {signals[name].unit}, {partner} in {signals[partner].unit}; expected the same dimension'
             )
-    begin = max(times[0] for times, _ in series.values())
-    end = min(times[-1] for times, _ in series.values())
+    begin, end = _overlap(path, signals, found, warnings)
+    # a double of seconds since 1970 resolves only 0.25 us
+    origin = min(each.times[0] for each in found.values())
+    series = {name: (1e-9 * (each.times - origin), each.values) for name, each in found.items()}
+    begin, end = 1e-9 * (begin - origin), 1e-9 * (end - origin)
     steps = np.diff(series['sensor'][0])
     sample_time = float(np.median(steps))
-    warnings = []
     for name, (times, _) in series.items():
         longest = np.diff(times).max()
         if longest > _LARGEST_GAP * sample_time:
@@ -130,7 +124,7 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
         warnings.append(
             f'{path}: the sample time of {sensor.topic} is {1e3 * sample_time:.3f} ms +- {100 * jitter:.0f} %'
         )
-    count = int((end - begin) / sample_time) + 1 if end > begin else 0
+    count = int((end - begin) / sample_time) + 1
     grid = begin + sample_time * np.arange(count)
     even = {}
     for name, (times, values) in series.items():
@@ -152,54 +146,24 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
     return data, delay - computation * sample_time, warnings
 
 
-def _read_series(path, signals):
-    """Return {name: (times [s], values)} for `signals`."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.highlevel.anyreader import AnyReaderError
-    from rosbags.typesys import Stores, get_typestore
-
-    topics = {signal.topic for signal in signals.values()}
-    found = {name: [] for name in signals}
-    try:
-        with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            missing = topics - set(reader.topics)
-            if missing:
-                raise BagError(f'{path}: has no topic {sorted(missing)}; it has {sorted(reader.topics)}')
-            connections = [connection for connection in reader.connections if connection.topic in topics]
-            for connection, received, data in reader.messages(connections=connections):
-                message = reader.deserialize(data, connection.msgtype)
-                stamp = getattr(getattr(message, 'header', None), 'stamp', None)
-                time = received if stamp is None else 10**9 * stamp.sec + stamp.nanosec
-                for name, signal in signals.items():
-                    if signal.topic == connection.topic:
-                        found[name].append((time, _value(message, signal)))
-    except (AnyReaderError, OSError, AssertionError) as error:
-        raise BagError(f'{path}: cannot be read as a bag: {error}') from None
-    for name, pairs in found.items():
-        if len(pairs) < 2:
-            raise IdentificationError(f'{path}: {signals[name].topic} has {len(pairs)} messages; at least 2 are needed')
-    origin = min(pairs[0][0] for pairs in found.values())  # a double of seconds since 1970 resolves only 0.25 us
-    series = {}
-    for name, pairs in found.items():
-        times, values = np.array([(1e-9 * (time - origin), value) for time, value in sorted(pairs)]).T
-        new = np.append(True, np.diff(times) > 0)
-        series[name] = times[new], values[new]
-    return series
-
-
-def _value(message, signal):
-    """Return the number that `signal` names in `message`."""
-    value = message
-    try:
-        for part in signal.field.split('.'):
-            name, _, index = part.partition('[')
-            value = getattr(value, name)
-            if index:
-                index = index.rstrip(']')
-                value = value[int(index) if index.isdigit() else list(message.name).index(index)]
-        return float(value)
-    except (AttributeError, IndexError, ValueError, TypeError) as error:
-        raise BagError(f'{signal.topic}: no number at {signal.field!r}: {error}') from None
+def _overlap(path, signals, found, warnings):
+    """Return the first and the last time [ns] that all series have; refuse clocks that do not meet."""
+    begin = max(each.times[0] for each in found.values())
+    end = min(each.times[-1] for each in found.values())
+    spans = '; '.join(
+        f'{signals[name]} from {1e-9 * each.times[0]:.3f} to {1e-9 * each.times[-1]:.3f} s ({each.clock})'
+        for name, each in found.items()
+    )
+    if end <= begin:
+        raise IdentificationError(f'{path}: the signals have no time in common: {spans}; expected one clock for all')
+    longest = max(each.times[-1] - each.times[0] for each in found.values())
+    if end - begin < _SHARED * longest:
+        warnings.append(
+            f'{Path(path).name}: {1e-9 * (end - begin):.3f} s of {1e-9 * longest:.3f} s are in all signals: {spans}'
+        )
+    if found['drive'].clock != found['sensor'].clock:
+        warnings.append(f'{Path(path).name}: drive and position are on different clocks, with a delay unknown: {spans}')
+    return begin, end
 
 
 def _scale(name, unit):

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from pkm_core.identification import IdentificationError
+from pkm_core.identification.axis_data import SATURATED
 
 _SPREAD = 9  # [lines] the variance is averaged over these; that of a few segments alone is inaccurate
 _EXACT = 1e-12  # least relative variance: a filter of running sums may return zero or less
@@ -22,7 +23,6 @@ _GAP = 20  # [samples] zero excitation that ends a pass; a sine crosses zero in 
 _OVERLAP = 1.06  # variance of half overlapping Hann segments: neighbours share (1/6)^2 of their power
 _PARTS = 8  # segments of a pass without a period
 _SHORTEST = 256  # [samples] least length of such a segment
-_SATURATED = 0.01  # largest share of samples at the drive's limit
 
 
 @dataclass(frozen=True)
@@ -56,17 +56,17 @@ def estimate_response(data, band=None):
     ------
     IdentificationError
         If the band exceeds half the sampling rate or has no line, the excitation is zero, the axis does not move, the
-        record is shorter than two segments, or more than _SATURATED of it is at the drive's limit.
+        record is shorter than two segments, or more than SATURATED of it is at the drive's limit.
 
     """
     data.check_follows()
     source = data.voltage if data.excitation is None else data.excitation
     starts, length, periodic = _segments(data, source)
     saturated = np.mean([data.saturated(start, start + length) / length for start in starts])
-    if saturated > _SATURATED:
+    if saturated > SATURATED:
         raise IdentificationError(
             f'{data.name}: the excitation is saturated: {100 * saturated:.1f} % of the samples are at '
-            f'{data.limit:g} V; allowed {100 * _SATURATED:g} %'
+            f'{data.limit:g} V; allowed {100 * SATURATED:g} %'
         )
     frequency = np.fft.rfftfreq(length, data.sample_time)
     R, U, Y = (_spectra(values, starts, length, periodic) for values in (source, data.voltage, data.position))

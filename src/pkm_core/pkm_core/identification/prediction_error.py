@@ -20,6 +20,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from pkm_core.identification import IdentificationError
+from pkm_core.identification.axis_data import SATURATED
 from pkm_core.identification.partial_fractions import SLOWEST
 from pkm_core.identification.prediction import SHORTEST, moving_stretches, predict
 
@@ -65,8 +66,8 @@ def fit_low_frequency(records, known):
     Raises
     ------
     IdentificationError
-        If there are fewer than two stretches of motion, they do not determine K and a, or the axis did not follow its
-        reference.
+        If there are fewer than two stretches of motion, they do not determine K and a, the drive is saturated in more
+        than `SATURATED` of their samples, or the axis did not follow its reference.
 
     """
     for data in records:
@@ -80,6 +81,7 @@ def fit_low_frequency(records, known):
             f'{records[0].name}: {len(used)} stretches of one-way motion over {SHORTEST} samples; at least 2 are '
             f'needed (range of motion: {1e3 * max(np.ptp(data.position) for data in records):.3f} mm)'
         )
+    _refuse_saturation(used)
     gain, viscosity, covariance = _solve(used, known)
     fit = predict(used, viscosity, known)
     constants = np.array([-each.constant(gain) / gain for each in fit])
@@ -110,6 +112,18 @@ def fit_percent(predictions, gain):
     error = sum(np.sum(each.error(gain) ** 2) for each in predictions)
     motion = sum(np.sum((each.measured - each.measured.mean()) ** 2) for each in predictions)
     return float(100 * (1 - np.sqrt(error / motion)))
+
+
+def _refuse_saturation(used):
+    """Refuse moves in which the recorded voltage is often not the one that acted."""
+    count = sum(stretch.data.saturated(stretch.start, stretch.end) for stretch in used)
+    share = count / sum(stretch.end - stretch.start for stretch in used)
+    if share > SATURATED:
+        data = used[0].data
+        raise IdentificationError(
+            f'{data.name}: the drive is saturated: {100 * share:.1f} % of the samples of the moves are at '
+            f'{data.limit:g} V; allowed {100 * SATURATED:g} %'
+        )
 
 
 def _solve(used, known):
@@ -202,6 +216,8 @@ def _warnings(used, gain, viscosity, covariance, friction, percent):
             f'a = {viscosity:.2f} +- {deviation[1]:.2f} 1/s: the moves are too slow or too short to determine viscous '
             f'friction'
         )
+    if gain < 0:
+        yield f'K = {gain:.4g} is negative: a positive drive moves the axis backwards; check the signs of both signals'
     if np.isnan(friction):
         yield 'all motion is in one direction: friction and offset cannot be separated'
     if any(stretch.data.reference is None for stretch in used):

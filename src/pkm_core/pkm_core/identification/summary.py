@@ -2,6 +2,7 @@
 
 from itertools import zip_longest
 
+import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
@@ -24,7 +25,7 @@ def _table(title, found, gain_unit):
     for heading in headings:
         table.add_column(heading, justify='left' if heading == 'axis' else 'right', no_wrap=True)
     for joint, axis in found.items():
-        low, relative = axis.low, 100 * axis.low.deviations / (axis.low.gain, axis.low.viscosity)
+        low, relative = axis.low, 100 * axis.low.deviations / np.abs((axis.low.gain, axis.low.viscosity))
         left = [(joint, f'{low.gain:#.4g} ±{relative[0]:.1f}%', f'{low.viscosity:#.4g} ±{relative[1]:.1f}%')]
         modes = [] if axis.high is None else zip(axis.high.modes, axis.high.deviations, strict=True)
         middle = [(f'{f:.2f}', f'{z:.5f}', f'{fa:.2f}', f'{za:.5f}') for (f, z, fa, za), _ in modes]

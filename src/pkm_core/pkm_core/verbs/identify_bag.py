@@ -16,7 +16,9 @@ from pkm_core.verbs.options import (
     ModesOption,
     NamespaceOption,
     OutOption,
+    finite,
     out_folder,
+    positive,
     robust_gains,
     write_figures,
 )
@@ -31,7 +33,7 @@ def identify_bag(
     modes: ModesOption = None,
     band: Annotated[
         tuple[float, float] | None,
-        typer.Option(help='Band in which H is fitted [Hz]; default: that of the excitation.'),
+        typer.Option(callback=finite, help='Band in which H is fitted [Hz]; default: that of the excitation.'),
     ] = None,
     input_topic: Annotated[
         str, typer.Option(help='Topic of the drive of a foreign axis; empty: an axis of this cell.')
@@ -51,8 +53,13 @@ def identify_bag(
         str, typer.Option(help='Topic of the excitation added to the drive, in the unit of the drive.')
     ] = '',
     excitation_field: Annotated[str, typer.Option(help='Field of the excitation.')] = 'data',
-    delay: Annotated[float, typer.Option(min=0.0, help='Time from the stamp of the drive to its effect [ms].')] = 0.0,
-    limit: Annotated[float, typer.Option(help='Saturation of the drive, in the unit of the drive.')] = float('inf'),
+    delay: Annotated[
+        float, typer.Option(min=0.0, callback=finite, help='Time from the stamp of the drive to its effect [ms].')
+    ] = 0.0,
+    limit: Annotated[
+        float | None,
+        typer.Option(callback=positive, help='Saturation of the drive, in its unit; default: none is known.'),
+    ] = None,
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
@@ -67,7 +74,7 @@ def identify_bag(
     Example: `pkm identify-bag arm --input-topic /joint_states --input-field 'effort[elbow]' --input-unit 'N m'
     --output-topic /joint_states --output-field 'position[elbow]' --output-unit rad`
     """
-    from pkm_core.identification.bag_data import Signal
+    from pkm_core.identification.bag_series import Signal
     from pkm_core.identification.figures import draw_identification
     from pkm_core.identification.summary import as_figures, show
 
@@ -82,7 +89,7 @@ def identify_bag(
             'reference': Signal(reference_topic, reference_field, output_unit) if reference_topic else None,
             'excitation': Signal(excitation_topic, excitation_field, input_unit) if excitation_topic else None,
         }
-        found, notes = _foreign_axis(bags, signals, 1e-3 * delay, limit, band, modes or 2)
+        found, notes = _foreign_axis(bags, signals, 1e-3 * delay, limit or float('inf'), band, modes or 2)
         title = f'{output_topic} {output_field} over {input_topic} {input_field}'
         units = {'gain_unit': 'SI'}
     else:

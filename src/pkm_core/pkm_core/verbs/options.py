@@ -15,8 +15,15 @@ from pkm_core.files import writable_folder, write_json
 
 def finite(value):
     """Refuse an option, one number or several, that is not finite; a callback for typer."""
-    if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
+    if value is not None and not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
         raise typer.BadParameter(f'{value} given; expected finite numbers')
+    return value
+
+
+def positive(value):
+    """Refuse an option that is not a positive, finite number; a callback for typer."""
+    if value is not None and not 0 < value < math.inf:
+        raise typer.BadParameter(f'{value} given; expected a positive, finite number')
     return value
 
 
