@@ -31,5 +31,5 @@ def test_process_of_several_nodes_refuses_a_misspelt_parameter(domain_id):
     environment = os.environ | {'ROS_DOMAIN_ID': str(domain_id), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120.0, check=False)
     assert done.returncode == 1
-    assert done.stderr.startswith("/pkm/cell has unknown parameter(s) ['sede']; known: [")
+    assert done.stderr.startswith("/pkm/cell has unknown parameter(s) ['sede'] (-p sede:=3); known: [")
     assert "'seed'" in done.stderr

@@ -2,6 +2,7 @@
 
 from rclpy.parameter import Parameter
 
+from pkm_core.errors import ConfigError
 from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, names_in
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.nodes.identification import IdentificationNode
@@ -13,6 +14,7 @@ from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from pkm_nodes.runtime.node import PLUGINS, PkmNode, entry_point
+from pkm_nodes.runtime.parameter_sources import place_of
 from pkm_nodes.runtime.session import new_session
 
 NODES = {
@@ -32,7 +34,7 @@ class CellNode(PkmNode):
     """Parameters of the composed cell."""
 
     def __init__(self, **kwargs):
-        super().__init__('cell', **kwargs)
+        super().__init__('cell', known_elsewhere=None, **kwargs)
         self.session = self.session or new_session()
         self.specs = cell_nodes(
             self.machine_setting(),
@@ -45,22 +47,59 @@ class CellNode(PkmNode):
             plugins=self.setting('plugins', '', PLUGINS),
             learned=self.setting('learned', '', 'folder in which learning/save may write; by default beside folder'),
         )
-        self.check_settings()
 
 
 def make_cell():
-    """Return all nodes of the cell; the recorder taps those before it."""
+    """
+    Return all nodes of the cell; the recorder taps those before it.
+
+    A parameter of any node may be given to all (``-p answer_timeout:=10.0``, ``/**:``) or in the section of that node.
+    `ConfigError` if no node declares it, or a section contradicts the cell.
+    """
     nodes = [CellNode()]
-    use_sim_time = nodes[0].get_parameter('use_sim_time').value
-    for spec in nodes[0].specs:
-        parameters = {'use_sim_time': use_sim_time, 'session': nodes[0].session, **spec.parameters}
-        named = {} if spec.name == spec.executable else {'name': spec.name}
-        if spec.executable == 'recorder':
-            named['neighbours'] = nodes
-        overrides = [Parameter(key, value=value) for key, value in parameters.items()]
-        node = NODES[spec.executable](parameter_overrides=overrides, known_elsewhere=nodes[0].declared(), **named)
-        nodes += [node, *getattr(node, 'parts', [])]
+    try:
+        for spec in nodes[0].specs:
+            node = _made(spec, nodes)
+            nodes += [node, *getattr(node, 'parts', [])]
+        declared = frozenset().union(*(node.declared() for node in nodes))
+        for node in nodes:
+            node.check_given(declared)
+    except Exception:
+        for node in nodes:
+            node.destroy_node()
+        raise
     return nodes
+
+
+def _made(spec, nodes):
+    """Return the node of `spec` of the cell `nodes`, whose first is the `CellNode`."""
+    cell = nodes[0]
+    use_sim_time = cell.get_parameter('use_sim_time').value
+    parameters = {'use_sim_time': use_sim_time, 'session': cell.session, **spec.parameters}
+    named = {} if spec.name == spec.executable else {'name': spec.name}
+    if spec.executable == 'recorder':
+        named['neighbours'] = nodes
+    overrides = [Parameter(key, value=value) for key, value in parameters.items()]
+    node = NODES[spec.executable](parameter_overrides=overrides, known_elsewhere=None, **named)
+    try:
+        _refuse_contradiction(node, cell, parameters)
+    except ConfigError:
+        for each in (node, *getattr(node, 'parts', [])):
+            each.destroy_node()
+        raise
+    return node
+
+
+def _refuse_contradiction(node, cell, parameters):
+    """Refuse a parameter that the command line gives to `node` alone and that the `cell` sets in its `parameters`."""
+    name_of_node = node.get_fully_qualified_name()
+    for name, value in parameters.items():
+        own = node.given.get(name, value)
+        if own != value and own != cell.given.get(name):
+            raise ConfigError(
+                f'{name_of_node}: {name} is {own!r}{place_of(name, name_of_node)}; the cell sets {value!r}; give '
+                f'{name} to {cell.get_fully_qualified_name()}, or to all nodes'
+            )
 
 
 main = entry_point(make_cell)

@@ -14,6 +14,7 @@ from rclpy.exceptions import NotInitializedException, ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
@@ -21,6 +22,7 @@ from pkm_core.config import Configuration
 from pkm_core.errors import ConfigError, PkmError
 from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.groups import HotGroup
+from pkm_nodes.runtime.parameter_sources import place_of, sources_of
 from pkm_nodes.runtime.session import SESSION, checked_session
 from pkm_nodes.runtime.tick_subscription import TickSubscription
 
@@ -61,20 +63,24 @@ class PkmNode(Node):
     Parameters
     ----------
     name : str
-    known_elsewhere : collection of str
+    known_elsewhere : collection of str, optional
         Parameters that another node of the process declares: `-p name:=value` of a command line reaches every node of
-        the process.
+        the process. None: the maker of all nodes calls `check_given` with them.
 
     Attributes
     ----------
     session : str
         Value of the parameter `session`.
+    given : dict of str
+        Parameters that the command line of the process gives to this node.
 
     """
 
     def __init__(self, name, *, known_elsewhere=(), **kwargs):
         super().__init__(name, **{'namespace': 'pkm', **kwargs})
-        self._known_elsewhere = frozenset(known_elsewhere)
+        self._known_elsewhere = None if known_elsewhere is None else frozenset(known_elsewhere)
+        with self.handle:
+            self.given = {name: parameter.value for name, parameter in self.handle.get_parameters(Parameter).items()}
         self.hot_group = HotGroup()
         self.tick_subscriptions = []
         self.session = checked_session(self.setting('session', '', SESSION))
@@ -113,18 +119,41 @@ class PkmNode(Node):
 
     def _declare(self, name, default, description, *, read_only):
         descriptor = ParameterDescriptor(description=description, read_only=read_only)
-        return self.declare_parameter(name, default, descriptor).value
+        try:
+            return self.declare_parameter(name, default, descriptor).value
+        except ParameterException:
+            came, node = self._parameter_overrides[name], self.get_fully_qualified_name()
+            kind = Parameter(name, value=default).type_.name.lower()
+            raise ConfigError(
+                f'{node}: {name} is {came.value!r} ({came.type_.name.lower()}){place_of(name, node)}; expected {kind}'
+            ) from None
 
     def check_settings(self):
         """Refuse parameters that were given and not declared: `ConfigError`. rclpy ignores a misspelt name."""
-        known = self.declared()
+        if self._known_elsewhere is not None:
+            self.check_given(self._known_elsewhere)
+
+    def check_given(self, known_elsewhere):
+        """
+        Refuse parameters that were given and are declared neither here nor in `known_elsewhere`: `ConfigError`.
+
+        As in ROS, a section of a file that is for any node may have parameters of others; one log line names them.
+        """
+        known, node = self.declared(), self.get_fully_qualified_name()
         given = set(self._parameter_overrides)  # rclpy has no public way to ask what was given
-        unknown = given - known - self._known_elsewhere
+        unknown = given - known - frozenset(known_elsewhere)
         unknown = sorted(name for name in unknown if not name.startswith('qos_overrides.'))
+        of_others = {}
+        for name in unknown:
+            sources = sources_of(name, node)
+            if sources and all(source.for_all for source in sources):
+                of_others[name] = sources[-1].text
+        unknown = [name for name in unknown if name not in of_others]
         if unknown:
-            raise ConfigError(
-                f'{self.get_fully_qualified_name()} has unknown parameter(s) {unknown}; known: {sorted(known)}'
-            )
+            places = ''.join(place_of(name, node) for name in unknown[:1])
+            raise ConfigError(f'{node} has unknown parameter(s) {unknown}{places}; known: {sorted(known)}')
+        for name, place in of_others.items():
+            self.get_logger().warning(f'{name} ({place}) is a parameter of no node here and is not used')
 
     def declared(self):
         """Return the names of all parameters that the node has declared so far."""
