@@ -262,11 +262,11 @@ def spoiled(values, index, value):
         ),
         (
             {'has_gains': True},
-            'learning d5: gains: kp: 0.0 given; input should be greater than 0',
+            'learning d5: gains: kp: 0.0 given; allowed > 0 V/m',
         ),
         (
             {'has_gains': True, 'gains': RobustGains(kp=4e3, ki=-1.0, lag_pole=600.0, lag_zero=700.0, lag_dc_gain=1.0)},
-            'learning d5: gains: ki: -1.0 given; input should be greater than or equal to 0',
+            'learning d5: gains: ki: -1.0 given; allowed >= 0 V/(m s)',
         ),
         ({'sample_time': 1e-3}, 'learning d5: sample time is 0.001 s; expected 0.0005 s'),
         ({'sample_time': math.nan}, 'learning d5: sample time is nan s; expected 0.0005 s'),

@@ -8,14 +8,14 @@ models take plain SI numbers.
 
 import hashlib
 import os
-import reprlib
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from pkm_core.config_errors import reasons_of, short
 from pkm_core.errors import ConfigError
 from pkm_core.quantities import to_si
 from pkm_core.yaml_text import YamlError, parse_yaml, read_text
@@ -81,61 +81,6 @@ def read_yaml(path):
     return data
 
 
-def _short(value):
-    """Return the repr of a value for a message, at most about 100 characters."""
-    shown = reprlib.Repr()
-    shown.maxstring = shown.maxother = shown.maxlong = 80
-    return shown.repr(value)
-
-
-def _lookup(data, location):
-    for part in location:
-        try:
-            data = data[part]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return data
-
-
-def _known_keys(model, location):
-    for part in location:
-        annotation = (
-            model.model_fields[part].annotation if isinstance(part, str) and part in model.model_fields else None
-        )
-        choices = get_args(annotation) or (annotation,)  # an optional section is `Model | None`
-        models = [choice for choice in choices if isinstance(choice, type) and issubclass(choice, BaseModel)]
-        if not models:
-            return None
-        model = models[0]
-    return sorted(model.model_fields)
-
-
-def _causes(errors):
-    """Return `errors` without those that only follow from others: a list is not empty because its entry is refused."""
-    places = [error['loc'] for error in errors]
-
-    def follows(place):
-        return any(other[: len(place)] == place and other != place for other in places)
-
-    return [error for error in errors if not (error['type'] == 'too_short' and follows(error['loc']))]
-
-
-def _explain(error, model, data):
-    location, kind, context = error['loc'], error['type'], error.get('ctx', {})
-    key = '.'.join(str(part) for part in location)
-    if kind == 'extra_forbidden':
-        known = _known_keys(model, location[:-1])
-        return f'unknown key {key!r}' + (f'; known: {known}' if known else '')
-    if kind == 'missing':
-        return f'{key}: is missing'
-    if kind == 'too_short':
-        return f'{key}: has {context["actual_length"]} entries; expected at least {context["min_length"]}'
-    if kind == 'value_error':
-        reason = str(context['error'])
-        return f'{key}: {reason}' if key else reason
-    return f'{key}: {_short(_lookup(data, location))} given; {error["msg"][0].lower()}{error["msg"][1:]} (SI)'
-
-
 def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -> Any:
     """
     Return `model` built from the mapping `data` of a file; errors begin with `where`.
@@ -145,7 +90,7 @@ def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -
     try:
         return model.model_validate(data, context=context)
     except ValidationError as error:
-        reasons = list(dict.fromkeys(_explain(item, model, data) for item in _causes(error.errors())))
+        reasons = reasons_of(error, model, data)
         if len(reasons) > _MOST_REASONS:
             reasons[_MOST_REASONS:] = [f'and {len(reasons) - _MOST_REASONS} more']
         raise ConfigError('\n'.join(f'{where}: {reason}' for reason in reasons)) from None
@@ -219,13 +164,21 @@ class Configuration:
         text = str(name_or_path)
         if text.endswith(('.yaml', '.yml')) or os.sep in text:
             path = Path(text)
-            if path.is_file():
+            if _is_file(path):
                 return path
-            raise ConfigError(f'{path}: no such file')
+            raise ConfigError(f'{text[:300]}: no such file')
         path = self.folder / kind / f'{text}.yaml'
-        if not path.is_file():
-            raise ConfigError(f'{kind}: {text!r} is unknown; {self.folder / kind} has {self.names(kind)}')
+        if not _is_file(path):
+            raise ConfigError(f'{kind}: {short(text)} is unknown; {self.folder / kind} has {self.names(kind)}')
         return path
+
+
+def _is_file(path):
+    """Return whether `path` is a file; a name that no file can have is none."""
+    try:
+        return path.is_file()
+    except OSError:  # a name of 5,000 characters
+        return False
 
 
 def find_config(kind, name_or_path, configuration=None) -> Path:

@@ -12,6 +12,7 @@ import yaml
 LONGEST = 200_000  # bytes; the largest file of config has 9 kB
 DEEPEST = 20  # levels; the deepest file of config has 6
 MOST = 5_000  # values, every use of an alias counted with all it stands for
+LONGEST_TEXT = 500  # characters of one value or key
 # of a file that a program wrote; metadata.yaml of a bag with 500 topics has 300 kB
 LONGEST_WRITTEN = 2_000_000  # bytes
 MOST_WRITTEN = 200_000  # values
@@ -40,6 +41,9 @@ class _Loader(yaml.SafeLoader):
         self._count += self._sizes[event.anchor] if is_alias else 1
         if self._count > MOST:
             raise yaml.composer.ComposerError(None, None, f'holds more than {MOST} values', event.start_mark)
+        if isinstance(event, yaml.ScalarEvent) and len(event.value) > LONGEST_TEXT:
+            text = f'holds a text of {len(event.value)} characters; allowed {LONGEST_TEXT}'
+            raise yaml.composer.ComposerError(None, None, text, event.start_mark)
         if event.anchor and not is_alias:
             self._sizes[event.anchor] = self._count - before
         self._depth -= 1

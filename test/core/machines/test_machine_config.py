@@ -68,7 +68,7 @@ def test_dynamic_parameters_follow_their_names():
 
 D1 = 'd1: {lower: 59.5 mm, upper: 99.5 mm, home: 79.5 mm}'
 REFUSED = [
-    ('four_dof', 'm2: 0.104 kg', 'm2: -0.104 kg', "masses.m2: '-0.104 kg' given; input should be greater than 0"),
+    ('four_dof', 'm2: 0.104 kg', 'm2: -0.104 kg', "masses.m2: '-0.104 kg' given; allowed > 0 kg"),
     ('four_dof', 'm2: 0.104 kg', 'm2: 0.104', 'masses.m2: 0.104 has no unit'),
     (
         'four_dof',

@@ -44,7 +44,7 @@ def test_ideal_environment_has_no_imperfection():
         ('  d7:\n', '  d8:\n', "the machine has the joints|unknown joint 'd7'"),
         ('pitch: 30 mm', 'pich: 30 mm', "unknown key 'drive.pich'"),
         ('[20 Hz, 80 Hz]', '[80 Hz, 20 Hz]', 'vibration_band: 80 to 20 Hz given; allowed 0 <= lower < upper'),
-        ('resolution: 0.91 um', 'resolution: 0 um', "laser.resolution: '0 um' given; input should be greater than 0"),
+        ('resolution: 0.91 um', 'resolution: 0 um', "laser.resolution: '0 um' given; allowed > 0 m"),
         ('mass: 2.3 g', 'mass: -2.3 g', "payload.mass: '-2.3 g' given"),
         ('resistance: 0.96 ohm', 'resistance: 0 ohm', "drive.resistance: '0 ohm' given"),
     ],

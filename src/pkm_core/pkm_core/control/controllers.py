@@ -8,6 +8,7 @@ A controller has ``load(trajectory, learned)`` (a `SampledTrajectory` in joints 
 import numpy as np
 
 from pkm_core.config import read_yaml
+from pkm_core.config_errors import short
 from pkm_core.control.computed_torque import ComputedTorque, TorqueGains, load_torque_control
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
@@ -80,7 +81,9 @@ def find_control(machine, chosen='robust'):
         torque = any(isinstance(axis, dict) and 'natural_frequency' in axis for axis in gains)
         return ('computed_torque' if torque else 'robust'), path
     reasons = '; '.join(dict.fromkeys(failures))
-    raise ConfigError(f'control: {chosen!r} given; allowed: {list(KINDS)}, a file of gains or its name; {reasons}')
+    raise ConfigError(
+        f'control: {short(str(chosen))} given; allowed: {list(KINDS)}, a file of gains or its name; {reasons}'
+    )
 
 
 def choose_control(machine, chosen='robust'):

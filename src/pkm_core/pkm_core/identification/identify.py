@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydantic import ValidationError
 
+from pkm_core.config_errors import allowed
 from pkm_core.control.model import AxisModel, Mode
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.axis_data import AxisData, joint_number
@@ -62,8 +63,9 @@ class AxisIdentification:
             return AxisModel(gain=self.low.gain, viscosity=self.low.viscosity, current_loop=current_loop, modes=modes)
         except ValidationError as error:
             first = error.errors()[0]
+            key = '.'.join(map(str, first['loc']))
             raise IdentificationError(
-                f'{self.joint}: {".".join(map(str, first["loc"]))} is {first["input"]}: {first["msg"]}'
+                f'{self.joint}: {key} is {first["input"]}; allowed {allowed(first, AxisModel)}'
             ) from None
 
 

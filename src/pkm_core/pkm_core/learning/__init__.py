@@ -15,6 +15,7 @@ model of an axis or on a perturbed model; the result is the law's `verdict`. On 
 """
 
 from pkm_core.config import Configuration, find_config, parse_config, read_yaml
+from pkm_core.config_errors import short
 from pkm_core.errors import ConfigError, LearningError
 from pkm_core.learning.basis import BasisLaw
 from pkm_core.learning.convergence import checked
@@ -43,7 +44,7 @@ def law_file(name, configuration=None):
         return find_config('learning', name, configuration)
     except ConfigError:
         known = ['none', *law_names(configuration)]
-        raise LearningError(f'learning law {name!r} is unknown; known: {known}, or a YAML file') from None
+        raise LearningError(f'learning law {short(str(name))} is unknown; known: {known}, or a YAML file') from None
 
 
 def make_law(name, machine, gains):

@@ -1,6 +1,7 @@
 """The machines: kinematics, limits, rigid dynamics and drive data of the nominal design, with one interface."""
 
 from pkm_core.config import Configuration, parse_config, read_yaml
+from pkm_core.config_errors import short
 from pkm_core.errors import ConfigError
 from pkm_core.machines.base import Limits, Machine
 from pkm_core.machines.four_dof import FourDof
@@ -27,7 +28,8 @@ def load_machine(name_or_path, configuration=None) -> Machine:
     configuration = configuration or Configuration.of_environment()
     path = configuration.find('machines', name_or_path)
     data = read_yaml(path)
-    mechanism = _MECHANISMS.get(data.get('mechanism'))
+    given = data.get('mechanism')
+    mechanism = _MECHANISMS.get(given) if isinstance(given, str) else None
     if mechanism is None:
-        raise ConfigError(f'{path}: mechanism: {data.get("mechanism")!r} given; known: {sorted(_MECHANISMS)}')
+        raise ConfigError(f'{path}: mechanism: {short(given)} given; known: {sorted(_MECHANISMS)}')
     return mechanism(parse_config(data, mechanism.Config, where=str(path)), path.stem, configuration)

@@ -13,8 +13,9 @@ import numpy as np
 import yaml
 from pydantic import TypeAdapter
 
-from pkm_core.config import Configuration, Frequency, Number, read_yaml
+from pkm_core.config import Configuration, Frequency, Number, load_config, read_yaml
 from pkm_core.errors import ConfigError
+from pkm_core.plant.truth import Truth
 
 GAIN = 0.2  # half width of the uniform spread of the thrust of each axis
 RESONANCE = 0.05  # half width for every mode; one factor for resonance and anti-resonance
@@ -49,6 +50,7 @@ def draw_truth(configuration, name, seed, environment):
     """Overwrite the truth file of the machine `name` in `configuration` with random values, see `random_machine`."""
     draw = np.random.default_rng(seed)
     path = configuration.find('truth', name)
+    load_config(path, Truth)  # refuses a file that is none
     truth = read_yaml(path)
     if environment not in truth['environments']:
         raise ConfigError(f'{path}: environment {environment!r} is unknown; known: {sorted(truth["environments"])}')
