@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,6 +35,45 @@ def writable_folder(path):
         probe.touch()
         probe.unlink()
     return path
+
+
+def writable_file(path):
+    """
+    Return `path` if a file can be written there later; nothing is created, and what it holds is kept.
+
+    Raises
+    ------
+    PkmError
+        If it is something else than a file, or its folder cannot be written or created.
+
+    """
+    path = Path(path)
+    with refused_if_unwritable(path):
+        if path.exists():
+            if not path.is_file():
+                raise PkmError(f'{path}: is {"a folder" if path.is_dir() else "no regular file"}; expected a file')
+            path.open('r+b').close()
+        place = path.parent
+        while not place.exists():
+            place = place.parent
+        if not place.is_dir():
+            raise PkmError(f'{path}: cannot be written: {place} is no folder')
+        probe = place / f'.pkm-probe-{os.getpid()}'
+        probe.touch()
+        probe.unlink()
+    return path
+
+
+def do_all(*steps):
+    """Call every function of `steps`, also after one has failed; then raise the first `PkmError` or `OSError`."""
+    failures = []
+    for step in steps:
+        try:
+            step()
+        except (PkmError, OSError) as error:
+            failures.append(error)
+    if failures:
+        raise failures[0]
 
 
 def write_text(path, text):

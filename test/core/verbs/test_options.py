@@ -5,6 +5,7 @@ from importlib.metadata import entry_points
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
@@ -39,6 +40,33 @@ def test_one_option_has_one_help_text():
 @pytest.mark.parametrize('old', ['--control', '--scheduler'])
 def test_former_names_of_options_are_gone(old):
     assert [verb for verb, name, _ in options() if name == old] == []
+
+
+def verbs_with(option):
+    """Return {name: typer app} of the verbs with `option`."""
+    named = {verb for verb, name, _ in options() if name == option}
+    apps = {}
+    for entry in entry_points(group='pkm.verbs'):
+        if entry.name in named:
+            apps[entry.name] = typer.Typer(add_completion=False)
+            apps[entry.name].command()(entry.load())
+    return apps
+
+
+@pytest.mark.parametrize('option', ['--json', '--save-learned'])
+def test_place_that_cannot_be_written_is_found_before_the_run(option):
+    apps = verbs_with(option)
+    assert 'run' in apps
+    for verb, app in apps.items():
+        found = CliRunner().invoke(app, [option, '/proc/nowhere'])
+        assert str(found.exception).startswith('/proc/nowhere: cannot be written'), verb
+
+
+def test_file_of_others_is_not_chosen_for_learned_feedforward(tmp_path):
+    (tmp_path / 'notes.npz').write_text('mine')
+    found = CliRunner().invoke(verbs_with('--save-learned')['run'], ['--save-learned', str(tmp_path / 'notes.npz')])
+    assert 'is not a file of learned feedforward' in str(found.exception)
+    assert (tmp_path / 'notes.npz').read_text() == 'mine'
 
 
 def test_computed_torque_gains_are_refused_for_robust_control():

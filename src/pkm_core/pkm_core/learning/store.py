@@ -72,10 +72,7 @@ def save(path, learned):
 
     """
     path = Path(path)
-    if path.is_symlink() or (path.exists() and not path.is_file()):
-        raise LearningError(f'{path}: is no regular file; nothing was written')
-    if path.exists():
-        read(path)  # refuses a file that is none of ours
+    check_replaceable(path)
     text = json.dumps({'origin': asdict(learned.origin), 'parameters': learned.parameters})
     beside = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
@@ -87,6 +84,15 @@ def save(path, learned):
             beside.unlink(missing_ok=True)
     except OSError as error:
         raise LearningError(f'{path}: cannot be written: {error.strerror}') from None
+
+
+def check_replaceable(path):
+    """Refuse a `path` that `save` would refuse: something else than a file of learned feedforward or a free place."""
+    path = Path(path)
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise LearningError(f'{path}: is no regular file; nothing was written')
+    if path.exists():
+        read(path)  # refuses a file that is none of ours
 
 
 def load(path, origin):

@@ -10,7 +10,7 @@ import typer
 from pkm_core.arrangement import Arrangement
 from pkm_core.config import Configuration
 from pkm_core.errors import ConfigError, PkmError
-from pkm_core.files import writable_folder, write_json
+from pkm_core.files import writable_file, writable_folder, write_json
 
 
 def finite(value):
@@ -25,6 +25,11 @@ def positive(value):
     if value is not None and not 0 < value < math.inf:
         raise typer.BadParameter(f'{value} given; expected a positive, finite number')
     return value
+
+
+def file_option(path):
+    """Refuse a file to be written that cannot be, before anything runs; a callback for typer."""
+    return path if path is None else writable_file(path)
 
 
 def _laws():
@@ -74,7 +79,9 @@ CellArrangementOption = Annotated[
 ]
 OutOption = Annotated[Path | None, typer.Option(help='Folder for figures and files; default: none are written.')]
 RunFolderOption = Annotated[Path | None, typer.Option(help='Folder for the results; default: a new folder in runs/.')]
-JsonOption = Annotated[Path | None, typer.Option('--json', help='Write all figures to this JSON file.')]
+JsonOption = Annotated[
+    Path | None, typer.Option('--json', callback=file_option, help='Write all figures to this JSON file.')
+]
 
 
 def out_folder(path):

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from pkm_core.files import writable_file
 from pkm_core.verbs.console import Output
 from pkm_core.verbs.options import JsonOption, write_figures
 
@@ -28,12 +29,14 @@ def report(
     from pkm_core.reporting.summary import cycles_table
 
     console, out = Output(), out or folder / 'report'
+    if folder.is_dir():
+        writable_file(out / 'report.html')  # reading the bags takes long
     with console.status('') as status:
         runs, figures = write_report([folder, compare] if compare else [folder], out, status.update)
-    write_figures(json_file, figures)
     for run in runs:
         console.print(f'{run.name}:', markup=False)
         console.print(cycles_table(run.machine.name, run.records))
         for remark in run.remarks:
             console.plain(f'not used: {remark}')
     console.plain(str(out / 'report.html'))
+    write_figures(json_file, figures)

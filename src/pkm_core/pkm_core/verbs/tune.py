@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from pkm_core.files import write_text
+from pkm_core.files import writable_folder, write_text
 from pkm_core.machines import load_machine
 from pkm_core.verbs.console import Output, progress_bars, table
 from pkm_core.verbs.margins import margins_table
@@ -47,6 +47,7 @@ def tune(
     from pkm_core.tuning.tune import tune as run
 
     console, machine, config = Output(), load_machine(machine_name), load_tuning(tuning)
+    writable_folder(out)  # found before the search
     total = config.search.generations * config.search.restarts
     names = [f'{joint} generations' for joint in machine.joints]
     with progress_bars(console, names, total, keep=True) as bars, search_executor(processes, cluster) as executor:

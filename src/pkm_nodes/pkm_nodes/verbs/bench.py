@@ -47,7 +47,6 @@ def bench(
         measured = _take_turns(names, turns, cycles, bar.step)
         memory = _watch_memory(memory_cycles, bar.step)
     account = targets(measured, memory)
-    write_figures(json_file, _figures(names, measured, memory, account, begin))
     console.print(_subjects_table(measured))
     console.print(_ratios_table(ratios(measured)))
     console.print(_targets_table(account))
@@ -56,6 +55,7 @@ def bench(
     )
     if not find_spec('mujoco'):
         console.print('MuJoCo is not installed: uv pip install --require-hashes -r requirements/bench.txt')
+    write_figures(json_file, _figures(names, measured, memory, account, begin))
 
 
 def _figures(names, measured, memory, account, load_before):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pkm_core.arrangement import Arrangement
-from pkm_core.files import write_json
+from pkm_core.files import do_all, write_json
 from pkm_core.learning import law_file
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan
@@ -83,11 +83,13 @@ def commission(
         **{'seed': seed, 'arrangement': str(arrangement), 'law': law, 'acceptance limit [um]': accept},
         'duration [s]': round(monotonic() - begun, 1),
     }
-    write_page(out / 'report.html', machine, story, facts)
     figures = facts | _figures(machine, story)
-    write_json(out / 'results.json', figures)
-    write_figures(json_file, figures)
-    _show(console, machine, story, out)
+    do_all(  # a full disk loses one of these, not all
+        lambda: _show(console, machine, story, out),
+        lambda: write_json(out / 'results.json', figures),
+        lambda: write_figures(json_file, figures),
+        lambda: write_page(out / 'report.html', machine, story, facts),
+    )
     if not story.accepted:
         raise typer.Exit(1)
 

@@ -10,9 +10,10 @@ import typer
 from pkm_core.arrangement import Arrangement
 from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import PkmError
-from pkm_core.files import write_json
+from pkm_core.files import do_all, refused_if_unwritable, write_json
 from pkm_core.learning import law_file
 from pkm_core.learning.initial import first_feedforward
+from pkm_core.learning.store import check_replaceable
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan
 from pkm_core.motion.trajectory import to_joints
@@ -32,6 +33,7 @@ from pkm_core.verbs.options import (
     NamespaceOption,
     RunFolderOption,
     SeedOption,
+    file_option,
     run_folder,
     write_figures,
 )
@@ -53,7 +55,9 @@ def run(
     ] = '',
     controller: ControllerOption = 'robust',
     learned: Annotated[Path | None, typer.Option(help='Initial feedforward: a file written by --save-learned.')] = None,
-    save_learned: Annotated[Path | None, typer.Option(help='Save the best learned feedforward to this file.')] = None,
+    save_learned: Annotated[
+        Path | None, typer.Option(callback=file_option, help='Save the best learned feedforward to this file.')
+    ] = None,
     seed: SeedOption = 1,
     environment: EnvironmentOption = 'nominal',
     namespace: NamespaceOption = NAMESPACE,
@@ -84,7 +88,7 @@ def run(
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
     try:
-        log, records, session = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
+        log, records, session, not_saved = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     hashes = {record.facts.get('config_hash', '') for record in records}
@@ -97,11 +101,24 @@ def run(
         )
     cell['session'] = session
     results = _results(goal, cell, arrangement, expected, log, records)
-    write_json(out / 'results.json', results)
-    write_figures(json_file, results)
-    plot_cycles(records, out / 'learning.png')
-    console.print(cycles_table(goal.machine.name, records))
-    _print_account(console, results, out)
+    do_all(  # a full disk loses one of these, not all
+        lambda: console.print(cycles_table(goal.machine.name, records)),
+        lambda: write_json(out / 'results.json', results),
+        lambda: write_figures(json_file, results),
+        lambda: _plot(records, out / 'learning.png'),
+        lambda: _print_account(console, results, out),
+        lambda: _refuse(not_saved),
+    )
+
+
+def _plot(records, path):
+    with refused_if_unwritable(path):
+        plot_cycles(records, path)
+
+
+def _refuse(reason):
+    if reason:
+        raise PkmError(reason)
 
 
 @dataclass(frozen=True)
@@ -136,13 +153,15 @@ class _Goal:
                 raise PkmError(f'--law: {law!r} given; --controller {controller} does not learn, expected none')
         elif save_learned:
             raise PkmError('--save-learned: given with --law none, which learns nothing; expected a learning law')
+        if save_learned:
+            check_replaceable(save_learned)
         if learned:
             first_feedforward(learned, machine, Path(motion).stem, law, gains, joints)
         return cls(machine, motion, cycles, law, learned, save_learned)
 
 
 def _drive(console, machine_name, arrangement, namespace, cell_options, goal, out):
-    """Run the cell; return its `CycleLog`, the `CycleRecord`s of its bags and its session."""
+    """Return the `CycleLog` of the cell, the `CycleRecord`s of its bags, its session, and why nothing was saved."""
     discover_on_this_computer()
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
@@ -167,9 +186,13 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
 
         learned = goal.learned.resolve() if goal.learned else ''
         log = client.execute(goal.motion, goal.cycles, goal.law, check, on_feedback, learned=learned)
+        not_saved = ''
         if goal.save_learned:
-            client.save_learned(goal.save_learned.resolve(), check)
-        return log, read_own(log.bags, cell), cell.session
+            try:
+                client.save_learned(goal.save_learned.resolve(), check)
+            except PkmError as error:  # the cycles have run: their results are kept
+                not_saved = str(error)
+        return log, read_own(log.bags, cell), cell.session, not_saved
 
 
 def _results(goal, cell, arrangement, hash_of_config, log, records):
