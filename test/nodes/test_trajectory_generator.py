@@ -7,6 +7,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 
 from pkm_core.errors import ConfigError
+from pkm_core.machines import load_machine
 from pkm_core.motion.planning import load_motion, plan
 from pkm_core.motion.trajectory import DERIVATIVES
 from pkm_interfaces.msg import PlatformPose
@@ -137,6 +138,21 @@ def test_impossible_goal_is_refused_and_the_next_one_runs(graph, goals, stand_in
     goal = goals.send(motion=MOTION)
     stand_in.run(1)
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
+
+
+@pytest.mark.parametrize(
+    ('extra', 'text'),
+    [
+        ({'z': math.nan}, 'pose 0: z is nan m; planar has no z, expected 0'),
+        ({'phi': 3.0}, 'phi is 3 rad; planar has no'),
+    ],
+)
+def test_pose_with_a_coordinate_of_another_machine_is_refused(graph, goals, extra, text):
+    graph.start(TrajectoryGeneratorNode, machine='planar')
+    x, y = load_machine('planar').forward(load_machine('planar').home)
+    status, result = goals.result(goals.send(poses=[PlatformPose(x=x, y=y, **extra)]))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert text in result.message
 
 
 def test_computed_torque_accepts_only_goals_without_learning(graph, goals, stand_in):

@@ -114,3 +114,20 @@ def test_monitor_stops_the_thesis_law_without_advance():
     assert error.max() == error[0]
     assert error[-1] < 6.0
     assert sum('second divergence' in notice for notice in records.notices) == 4
+
+
+def test_saturated_feedforward_is_reported_once():
+    monitor, given = Monitor('d1', limit=10.0), np.array([0.0, 9.9, -10.0, 10.0])
+    messages = [monitor.observe(np.full(4, UM), each).message for each in (0.5 * given, given, given)]
+    assert messages[0] == messages[2] == ''
+    assert messages[1].startswith('d1: the learned feedforward is at the limit of the drive, 10 V, in 2 of 4 samples')
+
+
+def test_simulation_reports_a_feedforward_at_the_limit_of_its_drives():
+    """A drive limit below what the motion needs: the law clips the feedforward."""
+    machine = load_machine('planar')
+    weak = machine.config.model_copy(update={'drive': machine.config.drive.model_copy(update={'voltage_limit': 0.3})})
+    machine = type(machine)(weak, machine.name, machine.configuration)
+    joints, gains = to_joints(machine, plan(machine, load_motion('planar_80ms'))), load_control(machine)
+    ran = run_cycles(machine, joints, gains, untested_law('fourier_pid', machine, gains), cycles=3, seed=1)
+    assert any('at the limit of the drive, 0.3 V' in notice for notice in ran.notices)

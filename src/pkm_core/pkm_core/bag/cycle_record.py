@@ -46,9 +46,15 @@ class CycleRecord:
         """Whether the record has every tick of the cycle."""
         return len(self.ticks) == self.samples
 
+    @property
+    def moves(self):
+        """Whether any joint moves in the cycle."""
+        return bool(np.ptp(self.reference, axis=0).any())
+
     def metrics(self):
-        """Return one `AxisMetrics` per joint; the cycle must be whole."""
-        return [axis_metrics(error, self.move_starts, self.move_ends, self.sample_time) for error in self.error.T]
+        """Return one `AxisMetrics` per joint; the cycle must be whole. A cycle without motion has no settling time."""
+        found = [axis_metrics(error, self.move_starts, self.move_ends, self.sample_time) for error in self.error.T]
+        return found if self.moves else [each.without_settling() for each in found]
 
 
 def read_cycle(path, namespace=None):

@@ -95,7 +95,7 @@ class JointRecord:
             excitation=None if self.excitation is None else self.excitation[:, axis],
             reaction=reaction_voltage(machine, self.reference, axis),
             moves=self.moves,
-            limit=drive_limit(machine),
+            limit=machine.drive_limit,
         )
 
     def excites(self, machine, joint):
@@ -118,8 +118,3 @@ def joint_number(machine, joint):
     if joint not in machine.joints:
         raise IdentificationError(f'joint {joint!r} is unknown; {machine.name} has {list(machine.joints)}')
     return machine.joints.index(joint)
-
-
-def drive_limit(machine):
-    """Return the voltage [V] at which a drive of `machine` reaches its limit of voltage or thrust."""
-    return min(machine.voltage_limit, machine.limits.thrust / machine.thrust_per_volt)

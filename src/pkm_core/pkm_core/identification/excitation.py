@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pkm_core.identification import IdentificationError
-from pkm_core.identification.axis_data import drive_limit, joint_number
+from pkm_core.identification.axis_data import joint_number
 from pkm_core.identification.guard import Bounds
 from pkm_core.identification.path import Path
 from pkm_core.identification.sweep import Sweep, forecast, one_period
@@ -105,7 +105,7 @@ def sweeps(machine, joint, model, gains, sweep=None, stations=3):
     sweep = sweep or Sweep()
     own, pair = _directions(machine, joint)
     try:
-        one = one_period(sweep, model, gains, machine.sample_time, drive_limit(machine))
+        one = one_period(sweep, model, gains, machine.sample_time, machine.drive_limit)
     except IdentificationError as error:
         raise IdentificationError(f'{joint}: {error}') from None
     duration = sweep.settling + sweep.periods * len(one) * machine.sample_time
@@ -162,7 +162,7 @@ def _checked(machine, name, joint, path, model, gains=None, volts=None):
         excitation[:, axis] = volts
         added, shaken = forecast(model, gains, volts, machine.sample_time)
         needed, speed = needed + np.abs(added), speed + np.abs(shaken)
-    peak, fastest, limit = float(needed.max()), float(speed.max()), drive_limit(machine)
+    peak, fastest, limit = float(needed.max()), float(speed.max()), machine.drive_limit
     if peak > limit:
         raise IdentificationError(
             f'{name}: {joint} would need {peak:.1f} V ({peak * machine.thrust_per_volt:.0f} N); allowed {limit:g} V '

@@ -3,7 +3,6 @@
 import numpy as np
 
 from pkm_core.identification import IdentificationError
-from pkm_core.identification.axis_data import drive_limit
 from pkm_core.identification.guard import Bounds, Guard
 from pkm_core.identification.sweep import forecast
 
@@ -46,7 +45,7 @@ class ExcitedAxis:
         added, shaken = forecast(model, gains, voltage, machine.sample_time)
         needed = np.abs(acceleration + model.viscosity * velocity) / model.gain + np.abs(added)
         peak, fastest = float(needed.max()), float((np.abs(velocity) + np.abs(shaken)).max())
-        limit, speed = drive_limit(machine), machine.limits.speed
+        limit, speed = machine.drive_limit, machine.limits.speed
         if peak > limit:
             raise IdentificationError(f'excitation of {joint}: would need {peak:.1f} V; allowed {limit:g} V')
         if fastest > speed:

@@ -3,8 +3,6 @@
 from collections import deque
 from dataclasses import dataclass
 
-from pkm_core.identification.axis_data import drive_limit
-
 _MEMORY = 8  # [samples] span of the speed measurement; one count is then 0.05 mm/s
 _FORECAST = 1.5  # allowed over forecast: margin for the error of the model
 _SPARE_VOLTAGE = 1.0  # [V] for friction, coupling and noise
@@ -28,7 +26,7 @@ class Bounds:
         return cls(
             lower=float(machine.limits.lower[axis]),
             upper=float(machine.limits.upper[axis]),
-            voltage=min(_FORECAST * voltage + _SPARE_VOLTAGE, drive_limit(machine)),
+            voltage=min(_FORECAST * voltage + _SPARE_VOLTAGE, machine.drive_limit),
             speed=min(_FORECAST * speed + _SPARE_SPEED, machine.limits.speed),
         )
 

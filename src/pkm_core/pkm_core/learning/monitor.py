@@ -24,7 +24,7 @@ class Decision:
     feedforward: np.ndarray  # (N,) [V] to update, or to use unchanged in the next cycle
     learn: bool  # whether the law updates it
     iteration: int  # number of updates it has had
-    message: str  # the detected divergence; '' if none
+    message: str  # the detected divergence or saturation; '' if none
 
 
 class Monitor:
@@ -41,6 +41,13 @@ class Monitor:
     law. A restart is also right after a change of the machine. If the error diverges again within `RETRY` cycles,
     learning of this joint ends and the best feedforward is kept.
 
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    limit : float
+        Of its drive [V]; a feedforward that reaches it is reported once.
+
     Attributes
     ----------
     best : ndarray, shape (N,)
@@ -48,8 +55,9 @@ class Monitor:
 
     """
 
-    def __init__(self, joint):
+    def __init__(self, joint, limit=np.inf):
         self.joint = joint
+        self._limit, self._saturates = limit, False
         self.best = np.zeros(0)
         self._returned = self._ended = False
         self._begin()
@@ -82,7 +90,18 @@ class Monitor:
             if self._diverges():
                 return self._go_back()
             self._level = min(self._level, sum(self._recent) / 3)
-        return Decision(feedforward, True, self._cycles - 1, '')
+        return Decision(feedforward, True, self._cycles - 1, self._saturation(feedforward))
+
+    def _saturation(self, feedforward):
+        """Return a message the first time that the feedforward reaches the limit of the drive, else ''."""
+        count = np.count_nonzero(np.abs(feedforward) >= self._limit * (1 - 1e-6))
+        if not count or self._saturates:
+            return ''
+        self._saturates = True
+        return (
+            f'{self.joint}: the learned feedforward is at the limit of the drive, {self._limit:g} V, in {count} of '
+            f'{len(feedforward)} samples; the error there cannot be learned; a longer move_time needs less'
+        )
 
     def _diverges(self):
         before, last, now = self._recent

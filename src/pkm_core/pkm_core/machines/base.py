@@ -140,6 +140,11 @@ class Machine(ABC):
             return self
         return type(self)(self.config.model_copy(update={'built': None}), self.name, self.configuration)
 
+    @property
+    def drive_limit(self) -> float:
+        """Voltage [V] at which a drive reaches its limit of voltage or thrust."""
+        return min(self.voltage_limit, self.limits.thrust / self.thrust_per_volt)
+
     def with_configuration(self, configuration: Configuration) -> 'Machine':
         """Return the same machine with models, gains, truth and motions of another `Configuration`."""
         return type(self)(self.config, self.name, configuration)

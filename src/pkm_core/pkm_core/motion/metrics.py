@@ -1,6 +1,6 @@
 """Metrics of a cycle from the error r - y of one axis, as in the thesis's tables 7.2 and 8.2."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,10 @@ class AxisMetrics:
     settling_time_5um: float  # [s] from the profile's end until |error| stays <= 5 um in the rest; nan if it does not
     settling_time_1um: float  # [s] the same for 1 um
     steady_state_error: float  # [m] signed mean error of the last 10 ms of the rest after a move
+
+    def without_settling(self):
+        """Return the metrics of a move in which nothing moves."""
+        return replace(self, settling_time_5um=float('nan'), settling_time_1um=float('nan'))
 
 
 def axis_metrics(error, move_starts, move_ends, sample_time):

@@ -125,6 +125,30 @@ def poses_motion(machine, poses, move_time=None):
     return Motion(machine=machine.name, targets=targets, move_time=move_time)
 
 
+def pose_rows(machine, poses):
+    """
+    Return `poses`, a list of {coordinate: value [m, rad]}, as rows (m, n) in the order of `machine.coordinates`.
+
+    Raises
+    ------
+    TrajectoryError
+        If a coordinate that the machine lacks is not 0.
+
+    """
+    for row, pose in enumerate(poses):
+        _check_absent(f'pose {row}', machine, pose)
+    return np.array([[pose[name] for name in machine.coordinates] for pose in poses])
+
+
+def still_moves(machine, trajectory):
+    """Return a sentence on the moves of a joint or pose trajectory in which nothing moves, '' if there is none."""
+    spans = zip(trajectory.move_starts, trajectory.move_ends, strict=True)
+    still = [n for n, (a, b) in enumerate(spans, 1) if np.ptp(trajectory.position[a : b + 1], axis=0).max() < ROUNDING]
+    if not still:
+        return ''
+    return f'{machine.name}: nothing moves in {len(still)} of {len(trajectory.move_starts)} moves: {still[:10]}'
+
+
 def plan(machine, motion):
     """
     Return the pose trajectory of one cycle of `motion`.
@@ -237,6 +261,8 @@ def _path(machine, where, target, position):
     if target.line is not None:
         return Line(start, _pose(machine, where, target.line), lengths)
     via = target.arc.via.model_dump(exclude_none=True)
+    _check_absent(f'{where}: via', machine, via)
+    via = {name: value for name, value in via.items() if name in machine.coordinates or value}
     _check_names(f'{where}: via', via, [machine.coordinates[i] for i in lengths], exactly=True)
     try:
         return Arc(start, np.array(list(via.values())), _pose(machine, where, target.arc.to), lengths)
@@ -247,6 +273,8 @@ def _path(machine, where, target, position):
 def _pose(machine, where, pose):
     """Return the pose (m,) [m, rad] of a target, checked to be within reach."""
     given = pose.model_dump(exclude_none=True)
+    _check_absent(where, machine, given)
+    given = {name: value for name, value in given.items() if name in machine.coordinates}
     _check_names(where, given, machine.coordinates, exactly=True)
     pose = np.array([given[name] for name in machine.coordinates])
     try:
@@ -261,6 +289,14 @@ def _target_joints(machine, where, target, position):
         return machine.inverse(_pose(machine, where, target.pose))
     _check_names(where, target.by, machine.joints, exactly=False)
     return position + np.array([target.by.get(joint, 0.0) for joint in machine.joints])
+
+
+def _check_absent(where, machine, pose):
+    """Refuse a value other than 0 of a coordinate that the machine lacks."""
+    for name, value in pose.items():
+        if name not in machine.coordinates and value != 0:  # NaN is not 0
+            unit = 'rad' if name in ANGLES else 'm'
+            raise TrajectoryError(f'{where}: {name} is {value:g} {unit}; {machine.name} has no {name}, expected 0')
 
 
 def _check_names(where, given, known, *, exactly):

@@ -35,8 +35,13 @@ class Histories:
         """Return {axis: [AxisMetrics of each move and the rest after it]}."""
         stops = [*self.move_starts[1:], len(self.error)]
         moves = list(zip(self.move_starts, self.move_ends, stops, strict=True))
+
+        def metrics(error, start, end, stop):
+            found = axis_metrics(error[:stop], [start], [end], self.sample_time)
+            return found if np.ptp(self.reference[start : end + 1], axis=0).any() else found.without_settling()
+
         return {
-            name: [axis_metrics(error[:stop], [start], [end], self.sample_time) for start, end, stop in moves]
+            name: [metrics(error, *move) for move in moves]
             for name, error in zip(self.names, self.error.T, strict=True)
         }
 

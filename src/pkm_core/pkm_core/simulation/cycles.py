@@ -117,7 +117,7 @@ class _Learning:
 
     def __init__(self, machine, law):
         self._joints, self._sample_time, self._law = machine.joints, machine.sample_time, law
-        self._monitors = [Monitor(joint) for joint in machine.joints]
+        self._monitors = [Monitor(joint, machine.drive_limit) for joint in machine.joints]
 
     def after_cycle(self, error, feedforward):
         """

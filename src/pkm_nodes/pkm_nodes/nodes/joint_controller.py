@@ -52,7 +52,7 @@ class JointControllerNode(PkmNode):
         self._excitation = AxisExcitation(self, machine, joint)
         self._excited = None  # the `ExcitedAxis` of a cycle of identification
         self._events = CycleEvents(self, joint)
-        self._learning = AxisLearning(self, joint, machine.sample_time, self._events, self._on_learned)
+        self._learning = AxisLearning(self, joint, machine, self._events, self._on_learned)
         law = CycleLaw(
             load=self._load,
             reset=self._controller.reset,

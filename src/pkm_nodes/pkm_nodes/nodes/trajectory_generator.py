@@ -25,11 +25,11 @@ from pkm_core.identification.plan import in_poses
 from pkm_core.learning import make_law
 from pkm_core.learning.initial import first_feedforward
 from pkm_core.machines import load_machine
-from pkm_core.motion.planning import load_motion, plan, poses_motion
+from pkm_core.motion.planning import load_motion, plan, pose_rows, poses_motion, still_moves
 from pkm_core.motion.trajectory import checked_joints, to_joints
 from pkm_core.servo.goal_cycle import End, GoalCycle, Send, StopCycle, WatchMachine
 from pkm_interfaces.action import ExecuteMotion
-from pkm_interfaces.msg import CycleEvent, CycleMetrics, Excitation
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, Excitation, PlatformPose
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
@@ -137,10 +137,14 @@ class TrajectoryGeneratorNode(PkmNode):
         if request.motion:
             motion, name = load_motion(request.motion), Path(request.motion).stem
         else:
-            poses = [[getattr(pose, name) for name in machine.coordinates] for pose in request.poses]
+            names = PlatformPose.get_fields_and_field_types()
+            poses = pose_rows(machine, [{name: getattr(pose, name) for name in names} for pose in request.poses])
             motion, name = poses_motion(machine, poses, request.move_time or None), 'poses'
         trajectory = plan(machine, motion)
         joints = to_joints(machine, trajectory)  # refuses what inverse_kinematics would refuse after the start
+        still = still_moves(machine, joints)
+        if still:
+            self.get_logger().warning(f'{name}: {still}')
         named = {'cycle': 0, 'motion': name, 'learning_law': request.learning_law or 'none'}
         begin = self._begin_learning(request, name, joints)
         return name, *(

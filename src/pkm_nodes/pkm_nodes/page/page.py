@@ -31,7 +31,7 @@ class Page:
     Raises
     ------
     PkmError
-        If the port is not free.
+        If the host is no address of this computer, or the port is not free.
 
     """
 
@@ -73,7 +73,8 @@ class Page:
     @property
     def address(self):
         """The address to open in a browser on this computer."""
-        return f'http://{self._server.get_host()}:{self._server.get_port()}'
+        host = self._server.get_host()
+        return f'http://{f"[{host}]" if ":" in host else host}:{self._server.get_port()}'
 
     def close(self):
         """End the server; browsers keep the last picture and reconnect to the next server on this port."""
@@ -104,9 +105,11 @@ class Page:
 
 
 def _check_free(host, port):
-    """Refuse a port in use; viser would take the next one without a message."""
+    """Refuse no host, and a port in use; viser would take the next one without a message."""
+    if not host.strip():
+        raise PkmError(f'page: host is {host!r}; expected an address of this computer, e.g. 127.0.0.1 or ::1')
     try:
         socket.create_server((host, port), family=socket.AF_INET6 if ':' in host else socket.AF_INET).close()
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, ValueError, TypeError) as error:  # the last two: no host can have this name
         reason = os.strerror(error.errno) if getattr(error, 'errno', None) in errorcode else error
         raise PkmError(f'page: cannot listen on {host} port {port}: {reason}; choose another with --port') from None

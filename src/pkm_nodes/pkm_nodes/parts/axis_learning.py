@@ -23,8 +23,7 @@ class AxisLearning:
     ----------
     node : PkmNode
     joint : str
-    sample_time : float
-        [s]
+    machine : Machine
     events : CycleEvents
         Of the joint.
     on_end : callable
@@ -39,9 +38,10 @@ class AxisLearning:
 
     """
 
-    def __init__(self, node, joint, sample_time, events, on_end):
+    def __init__(self, node, joint, machine, events, on_end):
         self.feedforward, self.notice = np.zeros(0), ''
-        self._joint, self._sample_time, self._events, self._on_end = joint, sample_time, events, on_end
+        self._joint, self._sample_time, self._events, self._on_end = joint, machine.sample_time, events, on_end
+        self._limit = machine.drive_limit
         self._logger = node.get_logger()
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -54,7 +54,7 @@ class AxisLearning:
 
     def renew(self):
         """Restart monitor and iteration count with the current feedforward, because the loop has changed."""
-        self._monitor, self._iteration = Monitor(self._joint), 0
+        self._monitor, self._iteration = Monitor(self._joint, self._limit), 0
 
     def begin(self, message, reference, given):
         """

@@ -23,4 +23,10 @@ def page(
     discover_on_this_computer()
     from pkm_nodes.nodes.dashboard import show
 
-    show(['--ros-args', '-p', f'port:={port}', '-p', f'host:={host}'])
+    show(page_arguments(port, host))
+
+
+def page_arguments(port, host):
+    """Return the ROS arguments of the node; the host is quoted, because `::1` and an empty text are no plain YAML."""
+    quoted = host.replace("'", "''")
+    return ['--ros-args', '-p', f'port:={port}', '-p', f"host:='{quoted}'"]

@@ -15,7 +15,7 @@ from pkm_core.learning import law_file
 from pkm_core.learning.initial import first_feedforward
 from pkm_core.learning.store import check_replaceable
 from pkm_core.machines import load_machine
-from pkm_core.motion.planning import default_motion, load_motion, plan
+from pkm_core.motion.planning import default_motion, load_motion, plan, still_moves
 from pkm_core.motion.trajectory import to_joints
 from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
 from pkm_core.reporting.figures import plot_cycles
@@ -100,6 +100,7 @@ def run(
             'expected files that do not change during a run'
         )
     cell['session'] = session
+    log.notices.extend(filter(None, [goal.still]))
     results = _results(goal, cell, arrangement, expected, log, records)
     do_all(  # a full disk loses one of these, not all
         lambda: console.print(cycles_table(goal.machine.name, records)),
@@ -131,6 +132,7 @@ class _Goal:
     law: str
     learned: Path | None
     save_learned: Path | None
+    still: str  # moves in which nothing moves
 
     @property
     def files(self):
@@ -157,7 +159,7 @@ class _Goal:
             check_replaceable(save_learned)
         if learned:
             first_feedforward(learned, machine, Path(motion).stem, law, gains, joints)
-        return cls(machine, motion, cycles, law, learned, save_learned)
+        return cls(machine, motion, cycles, law, learned, save_learned, still_moves(machine, joints))
 
 
 def _drive(console, machine_name, arrangement, namespace, cell_options, goal, out):
