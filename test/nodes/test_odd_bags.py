@@ -80,10 +80,10 @@ def test_info_of_odd_metadata_is_one_line(bag, text):
 
 def test_info_of_times_beyond_any_date_has_seconds(bag, capsys):
     about = yaml.safe_load((bag / 'metadata.yaml').read_text())
-    about['rosbag2_bagfile_information']['starting_time']['nanoseconds_since_epoch'] = 2**80
+    about['rosbag2_bagfile_information']['starting_time']['nanoseconds_since_epoch'] = 10**32
     (bag / 'metadata.yaml').write_text(yaml.safe_dump(about))
     assert told(bag) is None
-    assert 'Start:             (1208925819614629.174706176)' in capsys.readouterr().out
+    assert 'Start:             (100000000000000000000000.000000000)' in capsys.readouterr().out
 
 
 def test_info_of_something_else_than_a_file_is_one_line(tmp_path):
