@@ -10,6 +10,7 @@ import hashlib
 import os
 import sys
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +22,9 @@ from pkm_core.quantities import to_si
 from pkm_core.yaml_text import YamlError, parse_yaml, read_text
 
 _FROM_FILE = {'from_file': True}
-_MOST_REASONS = 5  # per error message
+# per refusal; further reasons are counted
+_MOST_REASONS = 5
+_LONGEST_REFUSAL = 250  # characters
 _USUAL = {'m': 'mm', 's': 'ms', 'rad': 'deg'}  # units for the example in an error message
 
 
@@ -91,9 +94,12 @@ def parse_config(data, model: type[Config], *, where: str, context=_FROM_FILE) -
         return model.model_validate(data, context=context)
     except ValidationError as error:
         reasons = reasons_of(error, model, data)
-        if len(reasons) > _MOST_REASONS:
-            reasons[_MOST_REASONS:] = [f'and {len(reasons) - _MOST_REASONS} more']
-        raise ConfigError('\n'.join(f'{where}: {reason}' for reason in reasons)) from None
+        lines = [f'{where}: {reason}' for reason in reasons]
+        fitting = sum(length <= _LONGEST_REFUSAL for length in accumulate(map(len, reasons)))
+        shown = min(max(1, fitting), _MOST_REASONS)
+        if shown < len(lines):
+            lines[shown:] = [f'{where}: and {len(lines) - shown} more']
+        raise ConfigError('\n'.join(lines)) from None
 
 
 def load_config(path, model: type[Config]) -> Any:

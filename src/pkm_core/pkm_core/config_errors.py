@@ -6,7 +6,7 @@ from typing import get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-LONGEST_REASON = 300  # characters
+LONGEST_REASON = 250  # characters
 # what is allowed, by the type of a pydantic error; fields in braces are of its context
 _ALLOWED = {
     'greater_than': '> {gt:g}',
