@@ -19,6 +19,7 @@ PACKAGES = sorted(path.parent for path in (ROOT / 'src').glob('*/setup.py'))
 # import name: distribution, where they differ or where another distribution contains the import
 DISTRIBUTIONS = {
     'llvmlite': 'numba',
+    'lz4': 'mcap',
     'mpl_toolkits': 'matplotlib',
     'skimage': 'scikit-image',
     'websockets': 'viser',

@@ -34,6 +34,7 @@ WITHOUT_KEY = {
     'control',
     'distributed',
     'llvmlite',
+    'lz4',
     'mcap',
     'mcap_ros2',
     'mpl_toolkits',

@@ -123,7 +123,7 @@ def test_saturated_feedforward_is_reported_once():
     assert messages[1].startswith('d1: the learned feedforward is at the limit of the drive, 10 V, in 2 of 4 samples')
 
 
-def test_simulation_reports_a_feedforward_at_the_limit_of_its_drives():
+def test_simulation_reports_a_saturated_feedforward():
     """A drive limit below what the motion needs: the law clips the feedforward."""
     machine = load_machine('planar')
     weak = machine.config.model_copy(update={'drive': machine.config.drive.model_copy(update={'voltage_limit': 0.3})})

@@ -74,7 +74,7 @@ def test_coordinate_that_the_machine_lacks_must_be_zero(extra, reason):
 
 
 @pytest.mark.parametrize('kind', ['pose', 'line', 'arc'])
-def test_coordinate_that_the_machine_lacks_is_refused_in_files_too(kind):
+def test_coordinate_that_the_machine_lacks_is_refused_in_files(kind):
     def target(**extra):
         there = Pose(**{**HOME, 'x': HOME['x'] + 1e-3}, **extra)
         via = Pose(x=HOME['x'] + 5e-4, y=HOME['y'] + 1e-4)
