@@ -127,7 +127,7 @@ def test_safe_stop_and_reset_reset_the_law(graph, cell, stop):
     cell.load(2)
     cell.run(2, 20 * UM)  # fills the integrators
     if stop == 'reset':
-        events.publish(CycleEvent(event=CycleEvent.RESET))
+        events.publish(CycleEvent(event=CycleEvent.RESET, source='machine'))
     else:
         cell.sample(2, 39, cell.reference.position[39], EncoderSample.SAFE_STOP)
     graph.spin_in_silence()

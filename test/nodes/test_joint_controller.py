@@ -138,7 +138,7 @@ def test_trajectory_of_another_cycle_is_refused_while_one_runs(graph, axis):
     axis.load(1)
     fresh = [command.voltage for command in axis.run(1)]
     events = graph.publisher(CycleEvent, 'cycle_events')
-    events.publish(CycleEvent(event=CycleEvent.RESET))
+    events.publish(CycleEvent(event=CycleEvent.RESET, source='machine'))
     graph.spin_in_silence()
     axis.load(2)
     voltages = []

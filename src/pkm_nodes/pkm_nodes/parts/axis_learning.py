@@ -23,8 +23,8 @@ class AxisLearning:
     ----------
     node : PkmNode
     joint : str
-    sample_time : float
-        [s]
+    machine : Machine
+        For its sample time and its voltage limit.
     events : CycleEvents
         Of the joint.
     on_end : callable
@@ -39,9 +39,10 @@ class AxisLearning:
 
     """
 
-    def __init__(self, node, joint, sample_time, events, on_end):
+    def __init__(self, node, joint, machine, events, on_end):
         self.feedforward, self.notice = np.zeros(0), ''
-        self._joint, self._sample_time, self._events, self._on_end = joint, sample_time, events, on_end
+        self._joint, self._events, self._on_end = joint, events, on_end
+        self._sample_time, self._limit = machine.sample_time, machine.voltage_limit
         self._logger = node.get_logger()
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -114,6 +115,8 @@ class AxisLearning:
         refusal = '' if response.success else f'learning refused: {response.message}'
         if response.success and (len(feedforward) != samples or not np.isfinite(feedforward).all()):
             refusal = f'learning answered {feedforward} ({len(feedforward)} values); expected {samples} finite ones'
+        elif response.success and (peak := np.abs(feedforward).max()) > self._limit:
+            refusal = f'learning answered up to {peak:g} V; allowed: at most {self._limit:g} V'
         if refusal:
             self._keep(refusal)
         else:

@@ -1,10 +1,18 @@
 """Events of a motion cycle as messages on /pkm/cycle_events."""
 
+from rclpy.serialization import deserialize_message
+
 from pkm_interfaces.msg import CycleEvent
-from pkm_nodes.runtime.node import CYCLE_QOS
+from pkm_nodes.parts.speakers import Speakers
+from pkm_nodes.runtime.groups import SenderGroup
+from pkm_nodes.runtime.log_throttle import LogThrottle
+from pkm_nodes.runtime.node import CYCLE_QOS, EVENT_QOS
 from pkm_nodes.runtime.session import belongs
 
-_NAMES = ('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP', 'NOT_RECORDED', 'NOTICE')
+_NAMES = (
+    *('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP', 'NOT_RECORDED', 'NOTICE'),
+    'ANNOUNCED',
+)
 NAMES = {getattr(CycleEvent, name): name for name in _NAMES}
 
 
@@ -23,11 +31,57 @@ class CycleEvents:
         )
 
 
-def subscribe_events(node, callback):
-    """Call `callback(CycleEvent)` for every event of the session of `node`, see session.py."""
+def read_event(data):
+    """Return the CycleEvent of serialized bytes; `ValueError` if they are none."""
+    try:
+        return deserialize_message(data, CycleEvent)
+    except (RuntimeError, ValueError, OverflowError) as error:  # RMWError is a RuntimeError
+        raise ValueError(f'message of {len(data)} bytes is no CycleEvent: {error}') from None
 
-    def of_this_session(event):
-        if belongs(event.session, node.session):
+
+class EventGate:
+    """
+    Decides which events a node believes: of its session, and from the node that the event names.
+
+    Parameters
+    ----------
+    node : PkmNode
+    topic : str
+        Resolved name, for the log.
+
+    """
+
+    def __init__(self, node, topic):
+        self._session, self._topic, self._speakers = node.session, topic, Speakers(node)
+        self._warn = LogThrottle(node.get_logger().warn)
+
+    def event_in(self, data, sender=b''):
+        """Return the CycleEvent in serialized bytes, or None if it is dropped; `sender` is the GID of its publisher."""
+        try:
+            event = read_event(data)
+        except ValueError as error:
+            self._warn(f'{self._topic}: {error}; dropped')
+            return None
+        if not belongs(event.session, self._session):
+            return None
+        name = NAMES.get(event.event, str(event.event))
+        if self._speakers.is_genuine(name, event.source, sender):
+            return event
+        self._warn(f'{self._topic}: event {name} dropped: its sender is not the {event.source[:40]!r} of this cell')
+        return None
+
+
+def subscribe_events(node, callback):
+    """Call `callback(CycleEvent)` for every event that passes the `EventGate` of `node`."""
+
+    def on_message(data, sender=b''):
+        event = gate.event_in(data, sender)
+        if event is not None:
             callback(event)
 
-    return node.create_subscription(CycleEvent, 'cycle_events', of_this_session, CYCLE_QOS)
+    group = SenderGroup()
+    subscription = node.create_subscription(
+        CycleEvent, 'cycle_events', on_message, EVENT_QOS, callback_group=group, raw=True
+    )
+    gate = EventGate(node, subscription.topic_name)
+    return subscription
