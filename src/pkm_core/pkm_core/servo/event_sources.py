@@ -7,6 +7,8 @@ _ONLY = {
     **dict.fromkeys(('STARTED', 'FINISHED', 'FAULT', 'RESET'), ('machine', 'machine/cycle')),
     **dict.fromkeys(('RECORDED', 'NOT_RECORDED'), ('recorder', 'recorder/tick')),
 }
+# topics of one publisher; the first one counts
+STRICT = ('machine/cycle', 'recorder/tick', 'pose_trajectory')
 # events by which any client may stop the machine or report something; they start and end nothing else
 _ANYONE = ('STOP', 'NOTICE')
 _JOINT = re.compile(r'[A-Za-z]\w{0,30}', re.ASCII)
@@ -38,5 +40,5 @@ def topics_of(event, source):
         return None
     if event == 'LOADED':
         return (f'{source}/command',)
-    # of the machine, of a node on the way of the trajectory, or of a controller
-    return ('machine/cycle',) if source == 'machine' else (f'{source}/command', 'joint_trajectory', 'pose_trajectory')
+    # of the machine, of a controller, or of the node that publishes joint_trajectory
+    return ('machine/cycle',) if source == 'machine' else (f'{source}/command', 'joint_trajectory')

@@ -98,8 +98,9 @@ class RecorderNode(PkmNode):
             return
         # one group for all: events served after the ticks of many cycles would end the wrong cycle
         qos = TICK_QOS if topic.by in _WITH_TICKS else EVENT_QOS if topic.by is By.EVENT else CYCLE_QOS
-        if topic.by is By.TICK or topic.name == 'pose_trajectory':  # the machine starts only with one publisher of each
-            self._guarded.append(PatientSubscription(self, message_type, name, take, qos, self._queue))
+        if topic.by in (By.TICK, By.TRAJECTORY):  # the machine starts only with one publisher of each
+            besides = 'pose_trajectory' if topic.name == 'joint_trajectory' else None
+            self._guarded.append(PatientSubscription(self, message_type, name, take, qos, self._queue, besides=besides))
         else:
             take = self._take_events(take, EventGate(self, name)) if topic.by is By.EVENT else _ignoring_senders(take)
             self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)
@@ -181,6 +182,11 @@ class RecorderNode(PkmNode):
                 self.get_logger().error(
                     f'cycle {outcome.cycle}: messages missing in {outcome.path}: {outcome.lost}; '
                     f'first and last of the ticks missing: {outcome.lost_ticks}'
+                )
+            if outcome.surplus:
+                self.get_logger().error(
+                    f'cycle {outcome.cycle}: more messages than expected in {outcome.path}: {outcome.surplus}; '
+                    f'these topics may have further publishers'
                 )
         if self.context.ok():  # otherwise the bag is readable, but the context cannot publish
             self._events.publish(event, outcome.cycle, tick=outcome.tick, samples=outcome.messages, **text)

@@ -37,7 +37,7 @@ from pkm_nodes.messages.diagnostics import CYCLE, FAULT, STATE, values_of
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.parts.presence import Presence
-from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, REQUEST_QOS, PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
 
 
@@ -71,8 +71,14 @@ class TrajectoryGeneratorNode(PkmNode):
         self._machine_presence = Presence(self, 'machine/cycle')
         self.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.offer('trajectory_generator/reload', self._reload)
+        deep = {f'{kind}_service_qos_profile': REQUEST_QOS for kind in ('goal', 'result')}
         self._server = ActionServer(
-            self, ExecuteMotion, 'execute_motion', self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
+            self,
+            ExecuteMotion,
+            'execute_motion',
+            self._execute,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            **deep,
         )
 
     def _reload(self):

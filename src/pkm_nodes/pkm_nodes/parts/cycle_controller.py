@@ -21,6 +21,8 @@ from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from
 from pkm_nodes.messages.diagnostics import CYCLE, FOREIGN, NOTICE, OTHERS, REFUSED, STATE, diagnostics
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.encoder_crowd import EncoderCrowd
+from pkm_nodes.parts.one_source import subscribe_joint_trajectory
+from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.node import CYCLE_QOS
 
 # [s, wall] wait for readers of the commands that are known but not connected, such as a recorder that starts up
@@ -154,11 +156,13 @@ class CycleController:
         self._commands, self.senders = zip(*publishers, strict=True)
         self._metrics = [node.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in events]
         subscribe_events(node, self._on_event)  # first: a reset must be served before the trajectory that follows it
-        node.create_subscription(SampledTrajectoryMessage, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
+        subscribe_joint_trajectory(node, self._on_trajectory)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._retry = node.create_timer(_RETRY, self.load_if_possible, clock=wall)
         self._retry.cancel()
         self._crowd = EncoderCrowd(node)
+        self._announced = None  # number of the cycle of the goal, None before the first one
+        self._log_refusal = LogThrottle(node.get_logger().error)
         self._foreign_before = 0  # messages of other publishers before the loaded cycle
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         node.create_timer(1.0, self._publish_diagnostics, clock=wall)
@@ -223,6 +227,8 @@ class CycleController:
         self._report_loaded()
 
     def _on_event(self, event):
+        if event.event == CycleEvent.ANNOUNCED:
+            self._announced = event.cycle
         stopped = event.event == CycleEvent.STOP and self.cycle.is_stopped_by(event.cycle)
         if stopped or event.event == CycleEvent.RESET:
             self.drop()
@@ -254,7 +260,9 @@ class CycleController:
         self.load_if_possible()
 
     def _refuse(self, cycle, error):
-        self._node.get_logger().error(f'joint_trajectory refused: {error}')
+        self._log_refusal(f'joint_trajectory refused: {error}')
+        if self._announced not in (None, cycle):  # foreign: the event would end the goal that runs or comes
+            return
         for events in self._events.values():
             events.publish(CycleEvent.REFUSED, cycle, message=str(error))
 

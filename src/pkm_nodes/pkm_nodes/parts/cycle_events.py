@@ -67,7 +67,8 @@ class EventGate:
         name = NAMES.get(event.event, str(event.event))
         if self._speakers.is_genuine(name, event.source, sender):
             return event
-        self._warn(f'{self._topic}: event {name} dropped: its sender is not the {event.source[:40]!r} of this cell')
+        source = event.source[:40]
+        self._warn(f'{self._topic}: {name} of source {source!r} dropped: not of the node of this cell that sends it')
         return None
 
 

@@ -2,7 +2,7 @@
 
 from time import monotonic
 
-from pkm_nodes.runtime.one_publisher import OnePublisher, node_names
+from pkm_nodes.runtime.one_publisher import OnePublisher
 
 # [s, wall] other nodes remove a publisher from their graph at slightly different times
 SETTLE = 1.0
@@ -30,9 +30,8 @@ class Intruders:
 
     def __init__(self, node, taken, topics):
         self._node, self._taken = node, taken
-        self._poses = OnePublisher(node, 'pose_trajectory')
-        self._joints = node.resolve_topic_name('joint_trajectory')
         self._others = [OnePublisher(node, topic) for topic in topics]
+        self._others.append(OnePublisher(node, 'joint_trajectory', besides='pose_trajectory'))
         self.present = ''
         self._settled_at = 0.0
         self._reported = (0, '')  # cycle and text of the last `news`
@@ -47,7 +46,7 @@ class Intruders:
         """Bind the publishers that are alone; return what has several, with their nodes, '' if nothing has."""
         found = [each.publisher.describe() for each in self._taken if not each.bind()]
         found += [each.describe() for each in self._others if not each.look()]
-        found += filter(None, [self._describe_joint_trajectory(), several_servers(self._node, LEARNING)])
+        found += filter(None, [several_servers(self._node, LEARNING)])
         now = monotonic()
         if found:
             self._settled_at = now + SETTLE
@@ -75,13 +74,6 @@ class Intruders:
             return ''
         self._reported = cycle, self.present
         return self.present
-
-    def _describe_joint_trajectory(self):
-        """Return the publishers of joint_trajectory if there are several beside the sender of pose_trajectory."""
-        self._poses.look()
-        infos = self._node.get_publishers_info_by_topic(self._joints)
-        names = [name for name in node_names(infos) if name not in self._poses.nodes]
-        return f'{self._joints} has {len(names)} publishers, {", ".join(names)}' if len(names) > 1 else ''
 
 
 def several_servers(node, service):

@@ -72,6 +72,14 @@ class FastPath:
 
         return LockstepExecutor(context=context)
 
+    def stepped_executor(self, context):
+        """Return an executor with `spin_once`, for a client."""
+        if not self.is_used(context):
+            return SingleThreadedExecutor(context=context)
+        from pkm_nodes.runtime.sender_takes import SteppedExecutor
+
+        return SteppedExecutor(context=context)
+
     def _find_obstacle(self, context):
         switch = os.environ.get(SWITCH, '0')
         if switch not in ('0', '1'):

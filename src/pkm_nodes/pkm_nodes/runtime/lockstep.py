@@ -30,9 +30,10 @@ from rclpy.subscription import Subscription
 from rclpy.task import Task
 
 from pkm_core.errors import PkmError
-from pkm_nodes.runtime.groups import HotGroup, PatientGroup, SenderGroup
+from pkm_nodes.runtime.groups import HotGroup, PatientGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.queues import Taker
+from pkm_nodes.runtime.sender_takes import SenderTakes
 from pkm_nodes.runtime.tick_take import MALFORMED, STRANGER, TickTake, take_one
 from pkm_nodes.runtime.waiting import Waiting
 
@@ -53,14 +54,13 @@ _SUSPENDED = 0.001
 _log_dropped = LogThrottle(lambda text: get_logger('pkm').error(text))
 
 
-class LockstepExecutor(Executor):
+class LockstepExecutor(SenderTakes, Executor):
     """A single-threaded executor that serves the subscriptions in `HotGroup`s first."""
 
     def __init__(self, *, context=None):
         self._outdated = True
         super().__init__(context=context)
         self._held = ExitStack()
-        self._taker = Taker()
 
     def wake(self):
         """Note that an entity was created, destroyed or changed, or that the context is shut down."""
@@ -102,7 +102,7 @@ class LockstepExecutor(Executor):
         flow = {s.handle.pointer for s in (*hot, *patient)}
         rest = {
             'timer': [(timer, self._take_timer) for node in nodes for timer in node.timers],
-            'subscription': [(s, self._take_of(s)) for s in subscriptions if s.handle.pointer not in flow],
+            'subscription': [(s, self._take_subscription) for s in subscriptions if s.handle.pointer not in flow],
             'guard_condition': [(guard, self._take_guard_condition) for node in nodes for guard in node.guards],
             'client': [(client, self._take_client) for node in nodes for client in node.clients],
             'service': [(service, self._take_service) for node in nodes for service in node.services],
@@ -166,23 +166,6 @@ class LockstepExecutor(Executor):
         with self._tasks_lock:
             self._tasks += [(Task(_execute, pair, executor=self), None, None) for pair in ready]
         self._run_tasks()
-
-    def _take_of(self, subscription):
-        """Return the function that takes a message from a subscription outside the tick."""
-        return (
-            self._take_with_sender if isinstance(subscription.callback_group, SenderGroup) else self._take_subscription
-        )
-
-    def _take_with_sender(self, subscription):
-        """Take one serialized message and the GID of its publisher."""
-        found = []
-        self._taker.take(subscription.handle.pointer, lambda *rows: found.append(rows), 1)
-
-        async def call():
-            for messages, senders in found:
-                subscription.callback(messages[0].tobytes(), senders[0].tobytes())
-
-        return call
 
     def _run_tasks(self):
         """Run tasks, and those they create, until none of them makes progress."""

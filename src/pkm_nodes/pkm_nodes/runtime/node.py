@@ -43,6 +43,8 @@ TICK_QOS = reliable(1000)
 CYCLE_QOS = reliable(100)
 # Subscriptions to events: a burst of messages does not push those of the cell out of the queue.
 EVENT_QOS = reliable(10_000)
+# Requests of goals: rclpy's ten are too few for many clients at once, and the rest would get no answer.
+REQUEST_QOS = reliable(1000)
 # A state: a late subscriber gets the last value.
 LAST_VALUE_QOS = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL

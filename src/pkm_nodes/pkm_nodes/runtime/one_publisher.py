@@ -9,9 +9,8 @@ def participant(gid):
     return gid[:_PARTICIPANT]
 
 
-def node_names(infos):
-    """Return the sorted full names of the nodes of these endpoints."""
-    return sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos)
+def _node_name(info):
+    return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
 class OnePublisher:
@@ -23,6 +22,8 @@ class OnePublisher:
     node : Node
         Reads the graph.
     topic : str
+    besides : str, optional
+        A topic: publishers of `topic` that belong to the node of its one publisher are accepted too and not counted.
 
     Attributes
     ----------
@@ -37,20 +38,31 @@ class OnePublisher:
 
     """
 
-    def __init__(self, node, topic):
+    def __init__(self, node, topic, *, besides=None):
         self._node, self.topic = node, node.resolve_topic_name(topic)
-        self.gid, self.nodes, self.others = b'', [], []
-        self._gids = ()  # of all publishers at the last `look`
+        self._besides = None if besides is None else OnePublisher(node, besides)
+        self.gid, self.nodes, self.others, self._name = b'', [], [], ''
+        self._gids, self._aside = (), ()  # of all publishers at the last `look`, and of those beside the counted ones
 
     def look(self):
         """Read the graph; return whether the topic has at most one publisher. Takes some 40 us."""
         infos = self._node.get_publishers_info_by_topic(self.topic)
-        by_gid = {bytes(info.endpoint_gid): info for info in infos}
-        if self.gid not in by_gid:
-            self.gid = next(iter(by_gid)) if len(by_gid) == 1 else b''
-        self._gids, self.nodes = tuple(by_gid), node_names(infos)
-        self.others = node_names(info for gid, info in by_gid.items() if self.gid and gid != self.gid)
-        return len(by_gid) <= 1
+        if self._besides is not None:
+            self._besides.look()
+        source = '' if self._besides is None else self._besides._name
+        names = {bytes(info.endpoint_gid): _node_name(info) for info in infos}
+        self._aside = tuple(gid for gid, name in names.items() if source and name == source)
+        counted = {gid: name for gid, name in names.items() if gid not in self._aside}
+        if self.gid not in counted:
+            self.gid = next(iter(counted)) if len(counted) == 1 else b''
+        self._gids, self._name = tuple(names), counted.get(self.gid, '')
+        self.nodes = sorted(counted.values())
+        self.others = sorted(name for gid, name in counted.items() if self.gid and gid != self.gid)
+        return len(counted) <= 1
+
+    def accepts(self, sender):
+        """Return whether messages with this GID are taken; b'' is an unknown sender."""
+        return sender in (b'', self.gid) or not self.gid or sender in self._aside
 
     def participants(self, strict):
         """Return the participants of all publishers at the last `look`, or with `strict` of the one if it is known."""

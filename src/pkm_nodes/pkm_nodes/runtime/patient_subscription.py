@@ -23,6 +23,8 @@ class PatientSubscription:
         Takes one serialized message, or several as the rows of an (n, size) array of bytes.
     qos : QoSProfile
     group : PatientGroup
+    besides : str, optional
+        See `OnePublisher`.
 
     Attributes
     ----------
@@ -31,8 +33,8 @@ class PatientSubscription:
 
     """
 
-    def __init__(self, node, message_type, topic, take, qos, group):
-        self._take, self._publisher, self._look_at = take, OnePublisher(node, topic), 0.0
+    def __init__(self, node, message_type, topic, take, qos, group, *, besides=None):
+        self._take, self._publisher, self._look_at = take, OnePublisher(node, topic, besides=besides), 0.0
         self.foreign = 0
         self._subscription = node.create_subscription(
             message_type, topic, self._on_messages, qos, callback_group=group, raw=True
@@ -52,13 +54,15 @@ class PatientSubscription:
             self._take(messages)
 
     def _are_ours(self, senders):
-        """Return for each of the GIDs (n, 2) whether it is that of the one publisher."""
+        """Return for each of the GIDs (n, 2) whether its messages are taken."""
         ours, now = self._match(senders), monotonic()
         if not ours.all() and now >= self._look_at:
             self._look_at = now + _LOOK_EVERY
             self._publisher.look()
             ours = self._match(senders)
-        return ours if self._publisher.gid else np.ones(len(senders), bool)
+        for i in np.flatnonzero(~ours):
+            ours[i] = self._publisher.accepts(senders[i].tobytes())
+        return ours
 
     def _match(self, senders):
         if not self._publisher.gid:
