@@ -129,6 +129,7 @@ def test_event_is_believed_from_the_process_of_its_source(graph):
     assert not speakers.is_genuine('FINISHED', 'machine', own)
     assert not speakers.is_genuine('FINISHED', 'd1', of_this_process)
     assert speakers.is_genuine('STOP', 'anyone', own)
+    assert [speakers.is_foreign('FINISHED', sender) for sender in (own, of_this_process, b'')] == [True, False, False]
     assert speakers.is_genuine('FINISHED', 'machine', b''), "rclpy's public API names no sender"
 
 

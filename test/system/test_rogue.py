@@ -72,7 +72,7 @@ class Rogue:
         self._flood_once()
         while not self._ended:
             self._flood()
-            sleep(0.005)
+            sleep(0.02)
             for _ in range(20):
                 self._executor.spin_once(timeout_sec=0.001)
         deadline = monotonic() + ANSWERS
@@ -132,7 +132,7 @@ def test_rogue_on_every_topic_changes_no_bit(tmp_path, monkeypatch, arrangement)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     slow = tmp_path / 'slow.yaml'
-    slow.write_text(SLOW.format(seconds=4 if arrangement == 'composed' else 2))
+    slow.write_text(SLOW.format(seconds=3 if arrangement == 'composed' else 2))
     cell = CellProcesses('four_dof', arrangement, seed=3, environment='nominal', folder=tmp_path)
     with cell, CellClient(session=cell.session) as client:
         client.wait_until_up(cell.check)

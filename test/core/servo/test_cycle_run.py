@@ -90,6 +90,13 @@ TABLE = [
     row(LOADED, ('look', 0.0, 1, []), RUNNING, Start(4, 5), SendSamples(), window=None, recorded=None),
     row(LOADED, ('look', LEASE, 1, [], 'two at /a'), LOADED),  # a killed node may still be in the graph
     row(LOADED, ('look', LEASE + 0.1, 1, [], 'two at /a'), STANDING, Refuse(4, 'cycle 4: two at /a')),
+    row(LOADING, ('look', LEASE, 1, [], 'two at /a'), LOADING),
+    row(
+        LOADING,
+        ('look', LEASE + 0.1, 1, [], 'two at /a'),
+        STANDING,
+        Refuse(4, "cycle 4: not loaded within 10.0 s by joint_controller of ['b']; two at /a"),
+    ),
     row(LOADED, ('look', 10.0, 1, ['laser']), LOADED),
     row(
         LOADED,

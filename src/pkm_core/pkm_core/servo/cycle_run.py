@@ -116,8 +116,8 @@ class CycleRun:
         """
         Start a loaded cycle, or end a wait that has taken too long.
 
-        `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet, `intruders`
-        describes topics with several publishers where one is allowed; both count in `LOADED` only.
+        `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet, and counts in
+        `LOADED` only. `intruders` describes topics with several publishers where one is allowed.
         """
         ready = self.state is CycleState.LOADED and not self._recorder_is_missing() and not unconnected
         ready = ready and self._next_cycle == self._announced
@@ -127,8 +127,11 @@ class CycleRun:
             return ()
         if ready:
             return self._refuse(f'cycle {self._next_cycle}: {intruders}')
-        if self.is_loading and now - self._since > self._start_timeout:
-            return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}')
+        # a restarted controller is not believed until DDS forgets the killed one
+        patience = max(self._start_timeout, LEASE) if intruders else self._start_timeout
+        if self.is_loading and now - self._since > patience:
+            remark = f'; {intruders}' if intruders else ''
+            return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}{remark}')
         if self.state is CycleState.HELD and now - self._since > self._answer_timeout:
             return self._stop(
                 f'{self._where(tick)}: the recorder has not confirmed anything after tick {self._recorded_tick} '

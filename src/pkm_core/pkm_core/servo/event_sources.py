@@ -7,11 +7,16 @@ _ONLY = {
     **dict.fromkeys(('STARTED', 'FINISHED', 'FAULT', 'RESET'), ('machine', 'machine/cycle')),
     **dict.fromkeys(('RECORDED', 'NOT_RECORDED'), ('recorder', 'recorder/tick')),
 }
-# topics of one publisher; the first one counts
-STRICT = ('machine/cycle', 'recorder/tick', 'pose_trajectory')
+# topics whose publishers are looked up regularly: the events of their nodes begin and end cycles
+FIRST = ('machine/cycle', 'recorder/tick', 'pose_trajectory')
 # events by which any client may stop the machine or report something; they start and end nothing else
 _ANYONE = ('STOP', 'NOTICE')
 _JOINT = re.compile(r'[A-Za-z]\w{0,30}', re.ASCII)
+
+
+def topic_of(event):
+    """Return the topic that identifies the source of `event`; '' if that depends on its name, or anyone may send it."""
+    return 'pose_trajectory' if event == 'ANNOUNCED' else _ONLY.get(event, ('', ''))[1]
 
 
 def topics_of(event, source):
@@ -39,6 +44,6 @@ def topics_of(event, source):
     if event not in ('LOADED', 'REFUSED') or not _JOINT.fullmatch(source):
         return None
     if event == 'LOADED':
-        return (f'{source}/command',)
+        return None if source in ('machine', 'recorder') else (f'{source}/command',)
     # of the machine, of a controller, or of the node that publishes joint_trajectory
     return ('machine/cycle',) if source == 'machine' else (f'{source}/command', 'joint_trajectory')

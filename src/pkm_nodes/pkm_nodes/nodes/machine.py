@@ -88,7 +88,7 @@ class MachineNode(PkmNode):
         self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        subscribe_events(self, self._on_event)
+        subscribe_events(self, self._on_event, self._joints)
         self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick, size=UINT64.size)
         taken = [*self.tick_subscriptions, *(sub for motor in self._motors for sub in motor.tick_subscriptions)]
         others = [*(f'{joint}/encoder' for joint in self._joints), 'machine/cycle', 'pose_trajectory']
@@ -140,6 +140,7 @@ class MachineNode(PkmNode):
         unconnected, intruders = [], ''
         if self._run.state is CycleState.LOADED:
             unconnected = [part.get_name() for part in self.parts if not part.is_heard()]
+        if self._run.is_loading:
             intruders = self._intruders.find()
         self._perform(self._run.look(monotonic(), self._barrier.tick, unconnected, intruders))
 

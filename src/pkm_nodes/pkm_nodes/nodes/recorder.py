@@ -62,7 +62,7 @@ class RecorderNode(PkmNode):
         machine = load_machine(self._machine_name)
         self._configuration = machine.configuration
         self._loop_at_start = loop_hash(machine, control, machine_hash(self._machine_name, machine.configuration))
-        self._sample_time = machine.sample_time
+        self._sample_time, self._joints = machine.sample_time, machine.joints
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(machine.joints)}
         self._parameters_of_cell = GraphParameters(self)
         self._lock = FolderLock(folder)
@@ -102,7 +102,11 @@ class RecorderNode(PkmNode):
             besides = 'pose_trajectory' if topic.name == 'joint_trajectory' else None
             self._guarded.append(PatientSubscription(self, message_type, name, take, qos, self._queue, besides=besides))
         else:
-            take = self._take_events(take, EventGate(self, name)) if topic.by is By.EVENT else _ignoring_senders(take)
+            take = (
+                self._take_events(take, EventGate(self, name, self._joints))
+                if topic.by is By.EVENT
+                else _ignoring_senders(take)
+            )
             self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)
         if topic.by is By.TICK:
             self._tick_subscriptions.append(self._guarded[-1])

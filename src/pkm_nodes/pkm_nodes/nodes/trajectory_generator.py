@@ -37,8 +37,12 @@ from pkm_nodes.messages.diagnostics import CYCLE, FAULT, STATE, values_of
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.parts.presence import Presence
+from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, REQUEST_QOS, PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
+
+# [s, wall] a result is kept for a client that asks late; rclpy's 10 s are too short on a loaded computer
+RESULT_TIMEOUT = 120
 
 
 class TrajectoryGeneratorNode(PkmNode):
@@ -55,6 +59,7 @@ class TrajectoryGeneratorNode(PkmNode):
             'machine_timeout', 12.0, '[s, wall] without diagnostics of the machine until it is stuck'
         )
         self.check_settings()
+        self._log_refusal = LogThrottle(self.get_logger().error)
         self._goal = ''  # the running goal and cycle, in words
         self._cycle = GoalCycle(start_timeout, metrics_timeout, silence)
         self._messages = []  # (publisher, message) of the last cycle
@@ -65,20 +70,21 @@ class TrajectoryGeneratorNode(PkmNode):
         for joint in self._machine.joints:
             self.create_subscription(CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
         self._events = CycleEvents(self, 'trajectory_generator')
-        subscribe_events(self, self._on_event)
+        subscribe_events(self, self._on_event, self._machine.joints)
         subscribe_one(self, UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._machine_presence = Presence(self, 'machine/cycle')
         self.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.offer('trajectory_generator/reload', self._reload)
-        deep = {f'{kind}_service_qos_profile': REQUEST_QOS for kind in ('goal', 'result')}
+        options = {f'{kind}_service_qos_profile': REQUEST_QOS for kind in ('goal', 'result')}
+        options['result_timeout'] = RESULT_TIMEOUT
         self._server = ActionServer(
             self,
             ExecuteMotion,
             'execute_motion',
             self._execute,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
-            **deep,
+            **options,
         )
 
     def _reload(self):
@@ -93,7 +99,7 @@ class TrajectoryGeneratorNode(PkmNode):
             self._refuse_second_goal(goal_handle.request)
             name, first, later = self._plan(goal_handle.request)
         except PkmError as error:
-            self.get_logger().error(f'goal refused: {error}')
+            self._log_refusal(f'goal refused: {error}', 'goals')
             result.message = str(error)
             goal_handle.abort()
             return result

@@ -13,6 +13,7 @@ _NAMES = (
     *('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP', 'NOT_RECORDED', 'NOTICE'),
     'ANNOUNCED',
 )
+_KIND = 4  # place of the field `event` in a serialized CycleEvent
 NAMES = {getattr(CycleEvent, name): name for name in _NAMES}
 
 
@@ -48,15 +49,21 @@ class EventGate:
     node : PkmNode
     topic : str
         Resolved name, for the log.
+    joints : sequence of str
+        See `Speakers`.
 
     """
 
-    def __init__(self, node, topic):
-        self._session, self._topic, self._speakers = node.session, topic, Speakers(node)
+    def __init__(self, node, topic, joints=()):
+        self._session, self._topic, self._speakers = node.session, topic, Speakers(node, joints)
         self._warn = LogThrottle(node.get_logger().warn)
 
     def event_in(self, data, sender=b''):
         """Return the CycleEvent in serialized bytes, or None if it is dropped; `sender` is the GID of its publisher."""
+        name = NAMES.get(data[_KIND]) if len(data) > _KIND else 'message without a kind'
+        if name is None or self._speakers.is_foreign(name, sender):
+            self._warn(f'{self._topic}: {name or data[_KIND]} dropped: not of the node of this cell that sends it')
+            return None
         try:
             event = read_event(data)
         except ValueError as error:
@@ -64,7 +71,6 @@ class EventGate:
             return None
         if not belongs(event.session, self._session):
             return None
-        name = NAMES.get(event.event, str(event.event))
         if self._speakers.is_genuine(name, event.source, sender):
             return event
         source = event.source[:40]
@@ -72,8 +78,8 @@ class EventGate:
         return None
 
 
-def subscribe_events(node, callback):
-    """Call `callback(CycleEvent)` for every event that passes the `EventGate` of `node`."""
+def subscribe_events(node, callback, joints=()):
+    """Call `callback(CycleEvent)` for every event that passes the `EventGate` of `node`; `joints` as there."""
 
     def on_message(data, sender=b''):
         event = gate.event_in(data, sender)
@@ -84,5 +90,5 @@ def subscribe_events(node, callback):
     subscription = node.create_subscription(
         CycleEvent, 'cycle_events', on_message, EVENT_QOS, callback_group=group, raw=True
     )
-    gate = EventGate(node, subscription.topic_name)
+    gate = EventGate(node, subscription.topic_name, joints)
     return subscription

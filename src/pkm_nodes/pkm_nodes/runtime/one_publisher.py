@@ -64,9 +64,9 @@ class OnePublisher:
         """Return whether messages with this GID are taken; b'' is an unknown sender."""
         return sender in (b'', self.gid) or not self.gid or sender in self._aside
 
-    def participants(self, strict):
-        """Return the participants of all publishers at the last `look`, or with `strict` of the one if it is known."""
-        return {participant(gid) for gid in ([self.gid] if strict and self.gid else self._gids)}
+    def participants(self):
+        """Return the participants of the one publisher, of all while none is known, and of those beside."""
+        return {participant(gid) for gid in ((self.gid, *self._aside) if self.gid else self._gids)}
 
     def describe(self):
         """Return what the last `look` found, for a refusal."""
