@@ -10,6 +10,7 @@ from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from pkm_nodes.parts.speakers import Speakers
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.lockstep import LockstepExecutor
+from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode
 from pkm_nodes.runtime.patient_subscription import PatientSubscription
 
@@ -142,3 +143,16 @@ def test_unreadable_events_are_dropped_with_one_line(graph, capfd):
     graph.spin_in_silence()
     lines = [line for line in capfd.readouterr().err.splitlines() if 'is no CycleEvent' in line]
     assert 1 <= len(lines) <= 3
+
+
+def test_log_lines_of_a_flood_are_counted(graph, capfd):
+    """One line per topic and second; rclpy would raise for another severity logged by the same line of code."""
+    warn, error = LogThrottle(graph.node.get_logger()), LogThrottle(graph.node.get_logger(), is_error=True)
+    for _ in range(100):
+        warn('a: bad')
+        error('a: worse')
+        warn('b: bad')
+    warn._last['a'] = -1.0, warn._last['a'][1]
+    warn('a: bad')
+    lines = [line.partition('pkm.test]: ')[2] for line in capfd.readouterr().err.splitlines()]
+    assert lines == ['a: bad', 'a: worse', 'b: bad', 'a: bad (and 99 more since the last line)']

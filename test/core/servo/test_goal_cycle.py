@@ -172,12 +172,13 @@ def test_random_events_end_each_cycle_at_most_once(events):
     assert ended == sorted(set(ended))
 
 
+@pytest.mark.parametrize('before', [STARTING, RUNNING])
 @pytest.mark.parametrize(
     ('state', 'fault', 'end'), [('standing', '', End()), ('faulted', 'door', End('machine: door'))]
 )
-def test_second_report_replaces_a_lost_event(state, fault, end):
+def test_second_report_replaces_a_lost_event(before, state, fault, end):
     """A burst of foreign messages may push the FINISHED event of the machine out of a queue."""
-    cycle = cycle_in(RUNNING)
+    cycle = cycle_in(before)
     assert cycle.reported(101.0, 'standing', 0, '', []) == (), 'a report of the previous cycle'
     assert cycle.reported(101.0, 'running', 1, '', []) == ()
     assert cycle.reported(102.0, state, 1, fault, []) == ()

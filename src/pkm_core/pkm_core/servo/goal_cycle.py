@@ -147,7 +147,8 @@ class GoalCycle:
         They replace a FINISHED or FAULT event that was lost, with the second report that says so.
         """
         self._heard, before = now, self._over
-        self._over = self.state is GoalState.RUNNING and cycle == self.cycle and state in ('standing', 'faulted')
+        begun = self.state in (GoalState.STARTING, GoalState.RUNNING)
+        self._over = begun and cycle == self.cycle and state in ('standing', 'faulted')
         if not (before and self._over):
             return ()
         return self.failed(cycle, f'machine: {fault}') if state == 'faulted' else self.finished(cycle, now, expected)

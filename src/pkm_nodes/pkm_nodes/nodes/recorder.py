@@ -66,7 +66,7 @@ class RecorderNode(PkmNode):
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(machine.joints)}
         self._parameters_of_cell = GraphParameters(self)
         self._lock = FolderLock(folder)
-        warn = LogThrottle(self.get_logger().warn)
+        warn = LogThrottle(self.get_logger())
         self._recording = Recording(self._lock.path, topics, machine, preroll, self._facts, warn, self._is_offered)
         self._queue = PatientGroup(self._serve)
         self._tick_subscriptions = []
@@ -151,6 +151,8 @@ class RecorderNode(PkmNode):
     def _announce(self):
         """Report progress once all topics of a cycle are connected, and again after a reconnection."""
         self._parameters_of_cell.look_around()
+        for guarded in self._guarded:
+            guarded.look()
         before = self._connected
         self._connected = sum(s.get_publisher_count() > 0 for s in self._tick_subscriptions) + self._is_led()
         connected = before == self._connected == len(self._tick_subscriptions) + 1

@@ -41,9 +41,6 @@ from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, REQUEST_QOS, PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
 
-# [s, wall] a result is kept for a client that asks late; rclpy's 10 s are too short on a loaded computer
-RESULT_TIMEOUT = 120
-
 
 class TrajectoryGeneratorNode(PkmNode):
     """Action server of the cell: plans a motion and runs its cycles one after the other."""
@@ -59,7 +56,7 @@ class TrajectoryGeneratorNode(PkmNode):
             'machine_timeout', 12.0, '[s, wall] without diagnostics of the machine until it is stuck'
         )
         self.check_settings()
-        self._log_refusal = LogThrottle(self.get_logger().error)
+        self._log_refusal = LogThrottle(self.get_logger(), is_error=True)
         self._goal = ''  # the running goal and cycle, in words
         self._cycle = GoalCycle(start_timeout, metrics_timeout, silence)
         self._messages = []  # (publisher, message) of the last cycle
@@ -77,7 +74,6 @@ class TrajectoryGeneratorNode(PkmNode):
         self.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.offer('trajectory_generator/reload', self._reload)
         options = {f'{kind}_service_qos_profile': REQUEST_QOS for kind in ('goal', 'result')}
-        options['result_timeout'] = RESULT_TIMEOUT
         self._server = ActionServer(
             self,
             ExecuteMotion,

@@ -162,7 +162,7 @@ class CycleController:
         self._retry.cancel()
         self._crowd = EncoderCrowd(node)
         self._announced = None  # number of the cycle of the goal, None before the first one
-        self._log_refusal = LogThrottle(node.get_logger().error)
+        self._log_refusal = LogThrottle(node.get_logger(), is_error=True)
         self._foreign_before = 0  # messages of other publishers before the loaded cycle
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         node.create_timer(1.0, self._publish_diagnostics, clock=wall)

@@ -56,7 +56,7 @@ class EventGate:
 
     def __init__(self, node, topic, joints=()):
         self._session, self._topic, self._speakers = node.session, topic, Speakers(node, joints)
-        self._warn = LogThrottle(node.get_logger().warn)
+        self._warn = LogThrottle(node.get_logger())
 
     def event_in(self, data, sender=b''):
         """Return the CycleEvent in serialized bytes, or None if it is dropped; `sender` is the GID of its publisher."""

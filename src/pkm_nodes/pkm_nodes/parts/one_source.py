@@ -15,7 +15,7 @@ def subscribe_one(node, message_type, topic, callback, qos, *, besides=None):
 
     rclpy's public API does not know the sender of a message: there every sender counts.
     """
-    warn = LogThrottle(node.get_logger().warn)
+    warn = LogThrottle(node.get_logger())
 
     def on_message(data, sender=b''):
         if sender and sender != publisher.gid:

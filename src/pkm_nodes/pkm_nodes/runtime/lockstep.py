@@ -51,7 +51,7 @@ _EMPTY_AT_MOST = 1000
 _EVENTS_EVERY = 1.0
 # [s] pause when a callback is due in a group of which another callback awaits a future
 _SUSPENDED = 0.001
-_log_dropped = LogThrottle(lambda text: get_logger('pkm').error(text))
+_log_dropped = LogThrottle(get_logger('pkm'), is_error=True)
 
 
 class LockstepExecutor(SenderTakes, Executor):

@@ -14,13 +14,14 @@ class LogThrottle:
 
     Parameters
     ----------
-    log : callable
-        Takes a line.
+    logger : RcutilsLogger
+    is_error : bool
+        Log errors instead of warnings.
 
     """
 
-    def __init__(self, log):
-        self._log = log
+    def __init__(self, logger, *, is_error=False):
+        self._logger, self._is_error = logger, is_error
         self._last = {}  # topic: (time of its last line [s, wall], lines that were not written since)
 
     def __call__(self, text, topic=None):
@@ -33,4 +34,8 @@ class LogThrottle:
             self._last[topic] = before, left_out + 1
             return
         self._last[topic] = now, 0
-        self._log(f'{text} (and {left_out} more since the last line)' if left_out else text)
+        line = f'{text} (and {left_out} more since the last line)' if left_out else text
+        if self._is_error:  # two lines of code: rclpy raises if one of them changes its severity
+            self._logger.error(line)
+        else:
+            self._logger.warning(line)

@@ -40,6 +40,10 @@ class PatientSubscription:
             message_type, topic, self._on_messages, qos, callback_group=group, raw=True
         )
 
+    def look(self):
+        """Read the graph, regularly: the publisher is known before its first message."""
+        self._publisher.look()
+
     def get_publisher_count(self):
         """Return the number of connected publishers."""
         return self._subscription.get_publisher_count()

@@ -5,7 +5,6 @@ from rclpy.executors import SingleThreadedExecutor
 from pkm_nodes.runtime.groups import SenderGroup
 from pkm_nodes.runtime.queues import Taker
 
-_TAKER = Taker()  # it holds no message between two calls
 # most messages taken in a turn, so that a burst does not block other entities
 _AT_MOST = 100
 
@@ -13,12 +12,16 @@ _AT_MOST = 100
 class SenderTakes:
     """Part of an executor; it overrides a method that rclpy 7.1 calls for every ready subscription."""
 
+    _taker = None
+
     def _take_subscription(self, sub):
         if not isinstance(sub.callback_group, SenderGroup):
             return super()._take_subscription(sub)
+        if self._taker is None:
+            self._taker = Taker()  # it holds no message between two calls
         found = []
         with sub.handle:
-            _TAKER.take(sub.handle.pointer, lambda *rows: found.append(rows), _AT_MOST)
+            self._taker.take(sub.handle.pointer, lambda *rows: found.append(rows), _AT_MOST)
 
         async def call():
             for messages, senders in found:

@@ -2,12 +2,17 @@
 
 from time import monotonic
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
 from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.one_publisher import OnePublisher
 
 _LITTLE_ENDIAN = b'\x00\x01\x00\x00'  # header of plain CDR
 # [s, wall] between two looks at the graph because of messages of an unknown sender
 _LOOK_EVERY = 0.05
+# [s, wall] between two looks while no publisher is known
+_LOOK_REGULARLY = 0.5
 
 
 class TickSubscription:
@@ -48,13 +53,15 @@ class TickSubscription:
         self._node, self.size, self.served = node, size, (callback,)
         self.refused, self.foreign, self._look_at = 0, 0, 0.0
         self._take = None  # the `TickTake` of the lock-step executor
-        self._warn = LogThrottle(node.get_logger().warn)
+        self._warn = LogThrottle(node.get_logger())
         self.publisher = OnePublisher(node, topic)
         self._subscription = node.create_subscription(
             message_type, topic, self._check, qos, callback_group=node.hot_group, raw=True
         )
         node.hot_group.subscriptions[self._subscription] = self
         self.topic_name = self._subscription.topic_name
+        # the publisher is known before the first message, when others may come at the same time
+        node.create_timer(_LOOK_REGULARLY, self._bind_early, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def tap(self, callback):
         """Call `callback(data)` with every message from now on, before the subscription's own callback."""
@@ -68,6 +75,10 @@ class TickSubscription:
         if self._take is not None:
             self._take.expect(self.publisher.gid)
         return alone
+
+    def _bind_early(self):
+        if not self.publisher.gid:
+            self.bind()
 
     def take_by(self, take):
         """Let the lock-step executor take by `take`, a `TickTake`."""
