@@ -95,7 +95,7 @@ def test_second_publisher_is_not_heard_and_is_named(ear, executor, speak):
     assert ear.tick.publisher.describe() == '/pkm/numbers has 2 publishers, /pkm/first, /pkm/rogue'
 
 
-def test_successor_of_a_publisher_is_heard_from_its_first_message(graph, ear, executor, speak):
+def test_successor_is_heard_from_its_first_message(graph, ear, executor, speak):
     first = speak('first')
     first.say(1)
     executor._run_flow()

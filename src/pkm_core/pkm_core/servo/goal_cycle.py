@@ -144,7 +144,7 @@ class GoalCycle:
         """
         Take the diagnostics of the machine: the word for its state, its last started cycle, and its fault.
 
-        They replace a FINISHED or FAULT event that was lost, with the second report that says so.
+        They replace a FINISHED or FAULT event that was lost, with the second report of the same state.
         """
         self._heard, before = now, self._over
         begun = self.state in (GoalState.STARTING, GoalState.RUNNING)
