@@ -118,6 +118,16 @@ def test_metrics_of_every_joint_follow_the_last_tick(graph, cell):
         assert found.max_dynamic_error == pytest.approx(number * UM)
 
 
+def test_following_error_of_one_joint_stops_all(graph, cell):
+    graph.start(ComputedTorqueControllerNode)
+    cell.load(1)
+    cell.sample(1, 0, cell.reference.position[0] - UM * np.array([0.0, 1010.0, 0.0, 0.0]))
+    stop = graph.next_event(CycleEvent.STOP, cycle=1)
+    assert (stop.source, stop.message[:34]) == ('d3', 'd3: following error is 1.010 mm; a')
+    graph.spin_in_silence()
+    assert not any(cell.commands)
+
+
 @pytest.mark.parametrize('stop', ['safe stop', 'reset'])
 def test_safe_stop_and_reset_reset_the_law(graph, cell, stop):
     graph.start(ComputedTorqueControllerNode)
@@ -127,7 +137,7 @@ def test_safe_stop_and_reset_reset_the_law(graph, cell, stop):
     cell.load(2)
     cell.run(2, 20 * UM)  # fills the integrators
     if stop == 'reset':
-        events.publish(CycleEvent(event=CycleEvent.RESET))
+        events.publish(CycleEvent(event=CycleEvent.RESET, source='machine'))
     else:
         cell.sample(2, 39, cell.reference.position[39], EncoderSample.SAFE_STOP)
     graph.spin_in_silence()

@@ -78,8 +78,8 @@ def test_self_test_finds_takes_that_differ(decide, monkeypatch):
 
 
 def corrupted(take):
-    def take_corrupted(subscription, message, content, most):
-        number, end, code = take(subscription, message, content, most)
+    def take_corrupted(subscription, message, info, content, senders, most):
+        number, end, code = take(subscription, message, info, content, senders, most)
         content[:end] = 0
         return number, end, code
 

@@ -98,6 +98,20 @@ def test_safe_stop_resets_the_law(graph, axis):
     assert [command.voltage for command in axis.run(3)] == fresh
 
 
+def test_following_error_beyond_the_limit_stops_the_machine(graph, axis):
+    graph.start(JointControllerNode, joint='d3', following_error_limit=3e-4)
+    axis.load(1)
+    axis.sample(1, 0, axis.reference[0] - 290 * UM)
+    axis.answer()
+    axis.sample(1, 1, axis.reference[1] + 310 * UM)
+    stop = graph.next_event(CycleEvent.STOP, source='d3', cycle=1)
+    assert stop.message == (
+        'd3: following error is -0.310 mm; allowed: at most 0.3 mm (parameter following_error_limit)'
+    )
+    graph.spin_in_silence()
+    assert not axis.commands
+
+
 def test_stop_event_ends_the_running_cycle(graph, axis):
     """A STOP of another cycle has no effect; no event of the machine is needed."""
     graph.start(JointControllerNode, joint='d3')
@@ -138,7 +152,7 @@ def test_trajectory_of_another_cycle_is_refused_while_one_runs(graph, axis):
     axis.load(1)
     fresh = [command.voltage for command in axis.run(1)]
     events = graph.publisher(CycleEvent, 'cycle_events')
-    events.publish(CycleEvent(event=CycleEvent.RESET))
+    events.publish(CycleEvent(event=CycleEvent.RESET, source='machine'))
     graph.spin_in_silence()
     axis.load(2)
     voltages = []

@@ -68,7 +68,7 @@ def test_gains_with_too_little_margin_are_refused(graph, axis, values, text):
     assert not successful
     assert re.search(text, reason), reason
     assert node.get_parameter('kp').value == before
-    graph.publisher(CycleEvent, 'cycle_events').publish(CycleEvent(event=CycleEvent.RESET))
+    graph.publisher(CycleEvent, 'cycle_events').publish(CycleEvent(event=CycleEvent.RESET, source='machine'))
     graph.spin_in_silence()
     axis.load(2)
     assert [command.voltage for command in axis.run(2)] == fresh

@@ -66,11 +66,15 @@ def answers_nan(learning):
     learning.will_answer([math.nan] * SAMPLES)
 
 
+def answers_too_much(learning):
+    learning.will_answer([0.0] * (SAMPLES - 1) + [-10.1])
+
+
 def refuses(learning):
     learning.will_refuse('learning d3: not today')
 
 
-@pytest.mark.parametrize('fails', [refuses, answers_too_short, answers_nan])
+@pytest.mark.parametrize('fails', [refuses, answers_too_short, answers_nan, answers_too_much])
 def test_failed_learning_keeps_the_feedforward(graph, axis, learning, fails):
     """The next request continues from it, with the same iteration."""
     graph.start(JointControllerNode, joint='d3')

@@ -197,7 +197,7 @@ def test_saving_waits_for_the_requests_of_the_last_cycle(graph, machine, cycles,
         return [np.array(cycles.learn(joint, cycle, 'fourier', **rows)[0].feedforward) for joint in machine.joints]
 
     first = learn(1, 2e-6)
-    events.publish(CycleEvent(event=CycleEvent.FINISHED, cycle=2))
+    events.publish(CycleEvent(event=CycleEvent.FINISHED, source='machine', cycle=2))
     graph.spin_in_silence()
     path = tmp_path / 'learned.npz'
     client = graph.node.create_client(SaveLearned, 'learning/save')

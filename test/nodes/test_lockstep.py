@@ -16,6 +16,7 @@ from rclpy.task import Future
 from std_msgs.msg import UInt64
 from std_srvs.srv import Trigger
 
+from pkm_nodes.messages.tick_messages import UINT64
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.lockstep import LockstepExecutor
 from pkm_nodes.runtime.node import TICK_QOS, PkmNode
@@ -32,18 +33,19 @@ class Player(PkmNode):
         self.timer_calls = 0
         self.ball = self.setting('ball', 'red', 'what is played with')
         self._publisher = self.create_publisher(UInt64, says, TICK_QOS)
-        self.subscription = self.on_tick_topic(UInt64, hears, self._on_number)
+        self.subscription = self.on_tick_topic(UInt64, hears, self._on_number, size=UINT64.size)
         self.create_service(Trigger, f'{name}/greet', self._on_greet)
         self.create_service(Trigger, f'{name}/await', self._on_await)
         self.awaited = None
         self.create_timer(0.01, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _on_number(self, message):
-        self.heard.append(message.data)
-        if message.data == self.poison:
-            raise ZeroDivisionError(message.data)
-        if message.data < self.last:
-            self._publisher.publish(UInt64(data=message.data + 1))
+    def _on_number(self, data):
+        (number,) = UINT64.unpack(data)
+        self.heard.append(number)
+        if number == self.poison:
+            raise ZeroDivisionError(number)
+        if number < self.last:
+            self._publisher.publish(UInt64(data=number + 1))
 
     async def _on_await(self, _, response):
         """Answer when the test sets the future `awaited`."""
@@ -71,7 +73,7 @@ class Listener(PkmNode):
         for topic in ('ping_says', 'pong_says'):
             self.create_subscription(UInt64, topic, self._on_numbers, TICK_QOS, callback_group=group, raw=True)
 
-    def _on_numbers(self, messages):
+    def _on_numbers(self, messages, _):
         self.heard += [deserialize_message(message.tobytes(), UInt64).data for message in messages]
 
     def _on_emptied(self):
@@ -172,7 +174,7 @@ def test_tap_gets_every_message_before_the_subscriber(graph, game, serve):
     serve(1)
     graph.spin_until(lambda: len(game.heard()) == 100, 'number 100')
     pong, tapped = game.players[1], []
-    pong.subscription.tap(lambda message: tapped.append((message.data, len(pong.heard))))
+    pong.subscription.tap(lambda data: tapped.append((*UINT64.unpack(data), len(pong.heard))))
     game.allow(300)
     serve(101)
     graph.spin_until(lambda: len(game.heard()) == 300, 'number 300')

@@ -32,7 +32,7 @@ def test_missing_answers_stop_the_machine_and_name_the_joints(graph, controllers
 
     fault = graph.next_event(CycleEvent.FAULT)
     assert (fault.source, fault.cycle, fault.samples) == ('machine', 1, 4)
-    assert fault.message.startswith(f'tick 4 (cycle 1, sample 4): no answer for {IN_TIME:.1f} s from ')
+    assert re.match(r'tick 4 \(cycle 1, sample 4\): no answer for \d+\.\d s from ', fault.message)
     assert fault.message.endswith('joint_controller of d3 (/pkm/test), joint_controller of d7 (/pkm/test)')
     assert fault.tick == 5 + BRAKE_TICKS
     controllers.wait_for(fault.tick - 1, EncoderSample.SAFE_STOP)

@@ -35,7 +35,7 @@ def taken(subscription, enough=1000):
     """Return the blocks that a new `Taker` takes, as lists of bytes, and the number it returns."""
     blocks = []
 
-    def keep(messages):
+    def keep(messages, _):
         blocks.append([message.tobytes() for message in messages])
 
     return blocks, Taker().take(subscription.handle.pointer, keep, enough)

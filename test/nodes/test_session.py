@@ -45,6 +45,7 @@ def test_events_of_another_session_start_no_cycle(graph, controllers):
         events.publish(loaded(joint, 'other'))
     graph.spin_in_silence()
     assert not any(controllers.samples.values())
+    events.publish(CycleEvent(event=CycleEvent.ANNOUNCED, cycle=1))
     for joint in JOINTS:
         events.publish(loaded(joint, 'mine'))
     started = graph.next_event(CycleEvent.STARTED)

@@ -17,7 +17,12 @@ class Controllers:
         self.samples = {joint: graph.listen(EncoderSample, f'{joint}/encoder') for joint in JOINTS}
 
     def load(self, cycle, samples, joints=JOINTS):
-        """Report `cycle` as loaded by `joints`; `samples` is its length, or the lengths by joint."""
+        """Announce `cycle` and report it as loaded by `joints`; `samples` is its length, or the lengths by joint."""
+        self._events.publish(CycleEvent(event=CycleEvent.ANNOUNCED, cycle=cycle))
+        self.load_only(cycle, samples, joints)
+
+    def load_only(self, cycle, samples, joints=JOINTS):
+        """Report `cycle` as loaded, without a goal."""
         for joint in joints:
             length = samples[joint] if isinstance(samples, dict) else samples
             self._events.publish(CycleEvent(event=CycleEvent.LOADED, source=joint, cycle=cycle, samples=length))

@@ -72,6 +72,25 @@ def test_missing_messages_are_reported_by_tick(cell):
     assert (json.loads(data['lost']), json.loads(data['lost_ticks'])) == (lost, ticks)
 
 
+def test_more_messages_than_expected_are_reported(cell):
+    """A second state estimator, or any other further publisher, is as much a fault as a lost message."""
+    cell.load(1)
+    cell.run(1, 0)
+    cell.states(0)
+    cell.finish(1, SAMPLES)
+    outcome = cell.outcome()
+    assert (outcome.lost, outcome.surplus) == ({}, {'/pkm/pose': 1, '/pkm/joint_states': 1})
+    assert json.loads(read_metadata(outcome.path)['custom_data']['surplus']) == outcome.surplus
+
+
+def test_forged_events_of_many_cycles_keep_no_memory(cell):
+    for number in range(1000, 1200):
+        cell.tell('LOADED', number)
+    assert len(list(cell.recording._cycles)) <= 20
+    cell.play(1, 0)
+    assert cell.outcome().lost == {}
+
+
 def test_slow_messages_after_the_end_are_waited_for(cell, monkeypatch):
     """A slow recorder takes longer for its queues than the wait for one message."""
     monkeypatch.setattr(cycles, 'STRAGGLERS', 0.2)

@@ -4,24 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pkm_core.servo.cycle_run import (
-    LEASE,
-    CycleRun,
-    CycleState,
-    Finish,
-    GoHome,
-    Refuse,
-    RefuseReset,
-    SendSamples,
-    Start,
-    StopSafely,
-)
+from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
+from pkm_core.servo.cycle_run import LEASE, MOST_CYCLES, CycleRun, CycleState
 from pkm_core.servo.tick_barrier import TickBarrier
 
 STANDING, LOADING, LOADED, RUNNING, HELD, FAULTED = CycleState
 JOINTS = ('a', 'b')
 START_TIMEOUT, ANSWER_TIMEOUT, WINDOW = 10.0, 5.0, 2
-EVENTS = {'loaded', 'look', 'advanced', 'recorded', 'unanswered', 'stop_requested', 'halt', 'reset'}
+EVENTS = {'announced', 'loaded', 'look', 'advanced', 'recorded', 'unanswered', 'stop_requested', 'halt', 'reset'}
 
 CYCLE = 4  # of every state but STANDING, which has run cycle 3
 REFUSED_BY_FAULT = 'the machine has stopped: a: door; call the service machine/reset first'
@@ -59,6 +49,7 @@ def run_in(state, *, window=WINDOW, recorded=0, lengths=(5, 5)):
 
 
 def load(run, cycle, lengths):
+    run.announced(cycle)
     for joint, samples in zip(JOINTS, lengths, strict=True):
         run.loaded(joint, cycle, samples, 0.0)
 
@@ -68,6 +59,8 @@ def row(state, event, after, *actions, **options):
 
 
 TABLE = [
+    # a goal announces a cycle
+    *(row(state, ('announced', 5), state) for state in CycleState),
     # a joint has loaded a cycle
     row(STANDING, ('loaded', 'a', 4, 5, 0.0), LOADING),
     row(STANDING, ('loaded', 'x', 4, 5, 0.0), STANDING),  # not a joint
@@ -77,7 +70,8 @@ TABLE = [
     row(LOADING, ('loaded', 'b', 5, 5, 0.0), LOADING),  # replaces cycle 4 of joint a
     row(LOADING, ('loaded', 'b', 3, 5, 0.0), LOADING),
     row(LOADED, ('loaded', 'b', 4, 5, 0.0), LOADED),
-    row(LOADED, ('loaded', 'b', 5, 5, 0.0), LOADING),
+    row(LOADED, ('loaded', 'b', 5, 5, 0.0), LOADED),  # cycle 4 is the announced one
+    row(STANDING, ('loaded', 'a', MOST_CYCLES + 1, 5, 0.0), STANDING),
     row(RUNNING, ('loaded', 'a', 5, 5, 0.0), RUNNING),
     row(HELD, ('loaded', 'a', 5, 5, 0.0), HELD),
     row(FAULTED, ('loaded', 'a', 5, 5, 0.0), FAULTED, Refuse(5, REFUSED_BY_FAULT)),
@@ -96,6 +90,13 @@ TABLE = [
     row(LOADED, ('look', 0.0, 1, []), RUNNING, Start(4, 5), SendSamples(), window=None, recorded=None),
     row(LOADED, ('look', LEASE, 1, [], 'two at /a'), LOADED),  # a killed node may still be in the graph
     row(LOADED, ('look', LEASE + 0.1, 1, [], 'two at /a'), STANDING, Refuse(4, 'cycle 4: two at /a')),
+    row(LOADING, ('look', LEASE, 1, [], 'two at /a'), LOADING),
+    row(
+        LOADING,
+        ('look', LEASE + 0.1, 1, [], 'two at /a'),
+        STANDING,
+        Refuse(4, "cycle 4: not loaded within 10.0 s by joint_controller of ['b']; two at /a"),
+    ),
     row(LOADED, ('look', 10.0, 1, ['laser']), LOADED),
     row(
         LOADED,
@@ -215,10 +216,20 @@ def test_tick_outside_a_running_cycle_is_an_error(state):
 
 def test_first_joint_of_a_replaced_cycle_loads_again():
     run = run_in(LOADING)
+    run.announced(5)
     run.loaded('b', 5, 5, 8.0)
     assert run.look(17.9, 1, []) == ()  # the timeout counts from the new cycle
     run.loaded('a', 5, 5, 18.0)
     assert run.look(18.0, 1, []) == (Start(5, 5), SendSamples())
+
+
+def test_cycle_without_a_goal_does_not_start():
+    """A trajectory of any publisher makes controllers load a cycle; only the trajectory source announces one."""
+    run = run_in(LOADED)
+    run.announced(5)
+    assert run.look(10.0, 1, []) == ()
+    (refusal,) = run.look(10.1, 1, [])
+    assert refusal.reason.startswith('cycle 4: belongs to no running goal')
 
 
 @pytest.mark.parametrize('discard', [CycleRun.reset, lambda run: run.recorded(0, 1)])
@@ -248,6 +259,7 @@ RANDOM_EVENTS = st.one_of(
     ),
     st.tuples(st.just('look'), st.sampled_from([[], [], ['laser']])),
     st.tuples(st.just('answer'), st.integers(0, 1), st.integers(-1, 1), st.sampled_from([0.5, 0.5, float('nan')])),
+    st.tuples(st.just('announced'), st.sampled_from([0, 1, 2])),
     st.tuples(st.just('load all')),
     st.tuples(st.just('answer all')),
     st.tuples(st.just('answer all')),
@@ -268,12 +280,13 @@ class Shell:
         self.run = CycleRun(JOINTS, START_TIMEOUT, ANSWER_TIMEOUT, window)
         self.now = 0.0
         self.answered = set()  # joints with a finite answer to the current tick
+        self.announced = 0
         self.ended = []  # cycles that finished or were stopped
 
     def feed(self, event):
         match event:
             case ('load all',):  # in a row, so that long sequences get beyond LOADING
-                steps = [('loaded', 'a', 1, 3), ('loaded', 'b', 1, 3), ('look', [])]
+                steps = [('announced', 1), ('loaded', 'a', 1, 3), ('loaded', 'b', 1, 3), ('look', [])]
             case ('answer all',):
                 steps = [('answer', 0, 0, 0.5), ('answer', 1, 0, 0.5)]
             case _:
@@ -287,6 +300,9 @@ class Shell:
         match name:
             case 'wait':
                 self.now += arguments[0]
+            case 'announced':
+                self.announced = run.cycle + arguments[0]
+                self.perform(run.announced(self.announced))
             case 'loaded':
                 joint, shift, samples = arguments
                 self.perform(run.loaded(joint, run.cycle + shift, samples, self.now))
@@ -326,6 +342,7 @@ class Shell:
                     self.answered.clear()
                 case Start(cycle, samples):
                     assert samples > 0
+                    assert cycle == self.announced
                     assert cycle > max(self.ended, default=0)
                 case Finish(cycle) | StopSafely(cycle):
                     self.ended.append(cycle)

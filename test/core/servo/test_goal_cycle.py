@@ -8,7 +8,7 @@ from pkm_core.servo.goal_cycle import End, GoalCycle, GoalState, Send, StopCycle
 
 IDLE, STARTING, RUNNING, AWAITING_METRICS, ENDED, STRAY = GoalState
 START_TIMEOUT, METRICS_TIMEOUT = 30.0, 2.0
-EVENTS = {'begin', 'numbered', 'started', 'finished', 'failed', 'metrics', 'look'}
+EVENTS = {'begin', 'numbered', 'started', 'finished', 'failed', 'metrics', 'reported', 'look'}
 JOINTS = ['a', 'b']
 HEARD = '1 node(s) listen to /pkm/pose_trajectory'
 GONE = 'the machine that ran it is gone: its process has ended or cannot be reached; start it again'
@@ -19,7 +19,7 @@ NOT_STARTED = (
 
 def cycle_in(state):
     """Return a cycle number 1 in `state`, reached by events at 100 s; AWAITING_METRICS has those of joint a."""
-    cycle = GoalCycle(START_TIMEOUT, METRICS_TIMEOUT)
+    cycle = GoalCycle(START_TIMEOUT, METRICS_TIMEOUT, silence=12.0)
     if state is not IDLE:
         cycle.begin(100.0)
     if state in (RUNNING, AWAITING_METRICS):
@@ -77,6 +77,8 @@ TABLE = [
     row(AWAITING_METRICS, ('metrics', 1, 'c', 2e-6, ['a']), ENDED, End(errors={'a': 1e-6, 'c': 2e-6})),
     row(ENDED, ('metrics', 1, 'b', 2e-6, ['b']), ENDED),
     row(STRAY, ('metrics', 1, 'b', 2e-6, ['b']), STRAY),
+    # diagnostics of the machine: one report ends nothing, the event comes first
+    *(row(state, ('reported', 100.0, 'faulted', 1, 'door', []), state) for state in GoalState),
     # look: resend, or end a wait
     row(IDLE, ('look', 1e9, False, HEARD), IDLE),
     row(STARTING, ('look', 130.0, False, HEARD), STARTING, Send(1)),
@@ -113,6 +115,7 @@ def test_cycle_is_numbered_after_the_last_one_of_the_machine():
     cycle = cycle_in(IDLE)
     cycle.numbered(41)
     cycle.numbered(7)
+    cycle.numbered(2**32 - 1)  # forged: with it the counting would end
     assert cycle.begin(0.0) == (Send(42),)
     assert cycle.begin(0.0) == (Send(43),)
 
@@ -167,3 +170,44 @@ def test_random_events_end_each_cycle_at_most_once(events):
             assert ended[-1] == cycle.cycle
     assert begun == sorted(set(begun))
     assert ended == sorted(set(ended))
+
+
+@pytest.mark.parametrize('before', [STARTING, RUNNING])
+@pytest.mark.parametrize(
+    ('state', 'fault', 'end'), [('standing', '', End()), ('faulted', 'door', End('machine: door'))]
+)
+def test_second_report_replaces_a_lost_event(before, state, fault, end):
+    """A burst of foreign messages may push the FINISHED event of the machine out of a queue."""
+    cycle = cycle_in(before)
+    assert cycle.reported(101.0, 'standing', 0, '', []) == (), 'a report of the previous cycle'
+    assert cycle.reported(101.0, 'running', 1, '', []) == ()
+    assert cycle.reported(102.0, state, 1, fault, []) == ()
+    assert cycle.reported(103.0, state, 1, fault, []) == (end,)
+
+
+def looks(cycle, begin, end):
+    """Return the actions of a look every second."""
+    return [action for second in range(begin, end) for action in cycle.look(float(second), False, HEARD)]
+
+
+@pytest.mark.parametrize('state', [STARTING, RUNNING])
+def test_silent_machine_ends_the_cycle_and_is_named(state):
+    cycle = cycle_in(state)
+    cycle.look(100.0, False, HEARD)
+    cycle.reported(101.0, 'running', 1, '', [])
+    assert [action for action in looks(cycle, 101, 114) if action != Send(1)] == []
+    stop, end = (action for action in looks(cycle, 114, 116) if action != Send(1))
+    assert stop.reason.startswith('the machine gives no sign of life for 13 s')
+    assert end.reason == f'cycle 1: {stop.reason}; end it and start it again'
+
+
+def test_machine_is_not_silent_while_its_reports_are_not_read():
+    cycle = cycle_in(RUNNING)
+    cycle.reported(101.0, 'running', 1, '', [])
+    assert looks(cycle, 200, 205) == [], 'this process was held up for 99 s'
+
+
+def test_machine_without_reports_is_never_silent():
+    """A machine of the user's own need not publish diagnostics."""
+    cycle = cycle_in(RUNNING)
+    assert looks(cycle, 100, 200) == []

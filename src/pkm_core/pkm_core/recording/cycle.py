@@ -132,6 +132,7 @@ class CycleRecording:
             'expected': json.dumps(self.expected),
             'lost': json.dumps(self.lost()),
             'lost_ticks': json.dumps(self.lost_ticks()),
+            'surplus': json.dumps(self.surplus()),
             'learned_feedforward': json.dumps({t: _digest(values) for t, values in self._learned.items()}),
         }
 
@@ -139,6 +140,11 @@ class CycleRecording:
         """Return the number of missing messages by topic; topics without a loss are left out."""
         missing = {topic: count - self.counts[topic] for topic, count in self.expected.items()}
         return {topic: count for topic, count in missing.items() if count > 0}
+
+    def surplus(self):
+        """Return the number of messages beyond the expected ones by topic: of a further publisher, or sent twice."""
+        beyond = {topic: self.counts[topic] - count for topic, count in self.expected.items()}
+        return {topic: count for topic, count in beyond.items() if count > 0}
 
     def lost_ticks(self):
         """Return the first and last of every run of missing ticks, by topic of the servo tick."""

@@ -18,6 +18,9 @@ from pkm_core.recording.topics import By, expected_messages
 # [s, wall] how long a cycle that has ended waits for the next of its missing messages
 STRAGGLERS = 2.0
 
+# most cycles without a tick whose messages are kept
+_MOST_IDLE = 20
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -29,6 +32,7 @@ class Outcome:
     messages: int = 0
     lost: dict[str, int] = field(default_factory=dict)  # number of missing messages by topic
     lost_ticks: dict[str, list] = field(default_factory=dict)  # first and last of each run of missing ticks, by topic
+    surplus: dict[str, int] = field(default_factory=dict)  # number of messages beyond the expected ones by topic
     failure: str = ''  # why there is no bag, or only a part of it
 
 
@@ -109,6 +113,9 @@ class Cycles:
     def of(self, number):
         """Return the recording of cycle `number`; a new one if it has none."""
         if number not in self._open:
+            idle = [known for known, cycle in self._open.items() if cycle.first_tick is None]
+            if len(idle) >= _MOST_IDLE:  # the cell has one or two: the others are of forged messages
+                del self._open[idle[0]]
             self._open[number] = CycleRecording(number, self._topics, self._tick_ns)
         return self._open[number]
 
@@ -248,7 +255,8 @@ class Cycles:
         except (OSError, BagError) as error:
             self._fail(cycle, error)
             return
-        self.outcomes.append(Outcome(cycle.number, cycle.last_tick or 0, path, total, cycle.lost(), cycle.lost_ticks()))
+        found = cycle.lost(), cycle.lost_ticks(), cycle.surplus()
+        self.outcomes.append(Outcome(cycle.number, cycle.last_tick or 0, path, total, *found))
 
     def _fail(self, cycle, error):
         """Stop the recording of `cycle` and add the reason to the outcomes; once per cycle."""

@@ -1,8 +1,9 @@
 """The life of a motion cycle on the machine, from the first joint that loads it to its end or a fault."""
 
-from dataclasses import dataclass
 from enum import Enum
 from math import inf
+
+from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
 
 
 class CycleState(Enum):
@@ -16,61 +17,10 @@ class CycleState(Enum):
     FAULTED = 'faulted'  # stopped safely; only a reset ends it
 
 
-@dataclass(frozen=True, slots=True)
-class SendSamples:
-    """Send the encoder samples of the current tick and open the barrier."""
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Start the cycle; `SendSamples` follows."""
-
-    cycle: int
-    samples: int
-
-
-@dataclass(frozen=True, slots=True)
-class Finish:
-    """Report that the last tick of the cycle has run."""
-
-    cycle: int
-    samples: int
-
-
-@dataclass(frozen=True, slots=True)
-class Refuse:
-    """Report that the cycle does not start."""
-
-    cycle: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class StopSafely:
-    """Brake without the controllers and report the fault; `samples` ticks of the cycle have run."""
-
-    cycle: int
-    samples: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class GoHome:
-    """Set the machine to its home position; `message` answers the reset request."""
-
-    cycle: int
-    message: str
-
-
-@dataclass(frozen=True, slots=True)
-class RefuseReset:
-    """Answer the reset request with a refusal."""
-
-    message: str
-
-
 # [s, wall] a killed node stays in the graph for 20 s; a second publisher after that is a real one
 LEASE = 22.0
+# a larger number of a cycle is not one of a cell that counts from 1: accepting it would end the counting
+MOST_CYCLES = 2**31
 # one object for all ticks: `advanced` creates none
 SEND_SAMPLES = (SendSamples(),)
 _RUNNING = CycleState.RUNNING  # looked up once: access to a member of an Enum takes as long as the rest of `advanced`
@@ -116,6 +66,7 @@ class CycleRun:
         self._window = recorder_window
         self._samples = 0  # length of the last started cycle
         self._next_cycle = 0  # the cycle that `_lengths` belong to
+        self._announced = 0  # the last cycle of a goal
         self._lengths = {}  # loaded samples by joint
         self._since = 0.0  # begin of LOADING or of HELD
         self._recorded_tick = -1  # before the first report of the recorder
@@ -131,14 +82,20 @@ class CycleRun:
         """Whether a cycle has started and has not ended."""
         return self.state in (CycleState.RUNNING, CycleState.HELD)
 
+    def announced(self, cycle):
+        """Take the ANNOUNCED event of a goal: no other cycle than `cycle` starts."""
+        self._announced = cycle
+        return ()
+
     def loaded(self, joint, cycle, samples, now):
         """
         Take the LOADED event of `joint`: it holds `samples` samples of `cycle`.
 
-        Events of other sources and late events, of a cycle that has been started, are ignored. A cycle that differs
-        from that of earlier joints replaces theirs. The cycle starts in `look`.
+        Events of other sources, late events, of a cycle that has been started, and impossible numbers are ignored. A
+        cycle that differs from that of earlier joints replaces theirs, unless theirs is the announced one. The cycle
+        starts in `look`.
         """
-        if joint not in self._joints:
+        if joint not in self._joints or cycle > MOST_CYCLES:
             return ()
         if self.state is CycleState.FAULTED:
             reason = f'the machine has stopped: {self.fault}; call the service machine/reset first'
@@ -146,6 +103,8 @@ class CycleRun:
         if self.is_running or cycle <= self.cycle:
             return ()
         if cycle != self._next_cycle:
+            if self.is_loading and self._next_cycle == self._announced:
+                return ()
             self._discard()
         if not self._lengths:
             self._next_cycle, self._since = cycle, now
@@ -157,18 +116,22 @@ class CycleRun:
         """
         Start a loaded cycle, or end a wait that has taken too long.
 
-        `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet, `intruders`
-        describes topics with several publishers where one is allowed; both count in `LOADED` only.
+        `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet, and counts in
+        `LOADED` only. `intruders` describes topics with several publishers where one is allowed.
         """
         ready = self.state is CycleState.LOADED and not self._recorder_is_missing() and not unconnected
+        ready = ready and self._next_cycle == self._announced
         if ready and not intruders:
             return self._start()
         if ready and now - self._since <= max(self._start_timeout, LEASE):
             return ()
         if ready:
             return self._refuse(f'cycle {self._next_cycle}: {intruders}')
-        if self.is_loading and now - self._since > self._start_timeout:
-            return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}')
+        # a restarted controller is not believed until DDS forgets the killed one
+        patience = max(self._start_timeout, LEASE) if intruders else self._start_timeout
+        if self.is_loading and now - self._since > patience:
+            remark = f'; {intruders}' if intruders else ''
+            return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}{remark}')
         if self.state is CycleState.HELD and now - self._since > self._answer_timeout:
             return self._stop(
                 f'{self._where(tick)}: the recorder has not confirmed anything after tick {self._recorded_tick} '
@@ -268,6 +231,8 @@ class CycleRun:
             return f'not loaded within {self._start_timeout} s by joint_controller of {late}'
         if self._recorder_is_missing():
             return f'the recorder has not reported within {self._start_timeout} s; is it running?'
+        if self._next_cycle != self._announced:
+            return 'belongs to no running goal; only the trajectory source of this cell starts cycles'
         return f'topics of {list(unconnected)} have readers that are not connected after {self._start_timeout} s'
 
     def _where(self, tick):

@@ -4,6 +4,11 @@ from dataclasses import dataclass, field
 from enum import Enum
 from math import inf
 
+from pkm_core.servo.cycle_run import MOST_CYCLES
+
+# [s] `look` is called every second; after a longer pause this process has not read its messages
+_HELD_UP = 3.0
+
 
 class GoalState(Enum):
     """State of the last cycle that was begun."""
@@ -63,6 +68,8 @@ class GoalCycle:
         [s] from `begin` to the STARTED event.
     metrics_timeout : float
         [s] from the FINISHED event to the metrics of all joints; a cycle without them has still been run.
+    silence : float
+        [s] without a report of a machine that has reported before, after which it counts as stuck.
 
     Attributes
     ----------
@@ -72,11 +79,15 @@ class GoalCycle:
 
     """
 
-    def __init__(self, start_timeout, metrics_timeout):
+    def __init__(self, start_timeout, metrics_timeout, silence=inf):
         self.state = GoalState.IDLE
         self.cycle = 0
         self._start_timeout = start_timeout
         self._metrics_timeout = metrics_timeout
+        self._silence = silence
+        self._heard: float | None = None  # time of the last report of the machine, None before the first one
+        self._looked = -inf  # time of the last `look`
+        self._over = False  # the last report of the machine says that the cycle has ended
         self._highest = 0  # the highest number of a cycle in use
         self._deadline = inf
         self._errors = {}
@@ -90,11 +101,15 @@ class GoalCycle:
         """Begin the next cycle, whose number no cycle of the machine has had."""
         self.cycle = self._highest = self._highest + 1
         self.state, self._deadline, self._errors = GoalState.STARTING, now + self._start_timeout, {}
+        self._over = False
+        if self._heard is not None:
+            self._heard = now  # its reports need not have been read between two goals
         return (Send(self.cycle),)
 
     def numbered(self, cycle):
         """Note that the machine has run `cycle`, for a trajectory source that started after it."""
-        self._highest = max(self._highest, cycle)
+        if cycle <= MOST_CYCLES:
+            self._highest = max(self._highest, cycle)
         return ()
 
     def started(self, cycle):
@@ -125,6 +140,19 @@ class GoalCycle:
             self.state = GoalState.ENDED
         return ()
 
+    def reported(self, now, state, cycle, fault, expected):
+        """
+        Take the diagnostics of the machine: the word for its state, its last started cycle, and its fault.
+
+        They replace a FINISHED or FAULT event that was lost, with the second report of the same state.
+        """
+        self._heard, before = now, self._over
+        begun = self.state in (GoalState.STARTING, GoalState.RUNNING)
+        self._over = begun and cycle == self.cycle and state in ('standing', 'faulted')
+        if not (before and self._over):
+            return ()
+        return self.failed(cycle, f'machine: {fault}') if state == 'faulted' else self.finished(cycle, now, expected)
+
     def metrics(self, cycle, joint, error, expected):
         """Take the largest dynamic error [m] of `joint`; joints named in `expected` report metrics."""
         if cycle != self.cycle:
@@ -139,6 +167,13 @@ class GoalCycle:
         `machine_ended` is whether the process of the machine that ran the cycle no longer exists, `listeners` who
         receives the trajectory, in words.
         """
+        if now - self._looked > _HELD_UP and self._heard is not None:
+            self._heard = now  # this process was held up: reports may wait in its queue
+        self._looked = now
+        silent = 0.0 if self._heard is None else now - self._heard
+        if silent > self._silence and self.state in (GoalState.STARTING, GoalState.RUNNING):
+            reason = f'the machine gives no sign of life for {silent:.0f} s: its process is stopped or stuck'
+            return StopCycle(self.cycle, reason), *self._end(f'cycle {self.cycle}: {reason}; end it and start it again')
         if self.state is GoalState.STARTING:
             if now <= self._deadline:
                 return (Send(self.cycle),)

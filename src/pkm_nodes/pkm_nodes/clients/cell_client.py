@@ -8,7 +8,6 @@ from time import monotonic
 import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import UInt64
 
@@ -20,6 +19,7 @@ from pkm_nodes.clients.replacements import Substitutes
 from pkm_nodes.graph import NAMESPACE
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.presence import Presence
+from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.node import TICK_QOS, PkmNode
 
 # [s, wall] ten processes on a busy two-core computer started in 20 s; the rest is margin
@@ -58,7 +58,7 @@ class CellClient:
         rclpy.init()
         of_session = [Parameter('session', value=self._session)]
         self._node = PkmNode('pkm_run', namespace=self._namespace, parameter_overrides=of_session)
-        self._executor = SingleThreadedExecutor()
+        self._executor = FAST_PATH.stepped_executor(rclpy.get_default_context())
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
         self._begin_log()

@@ -12,6 +12,8 @@ TICK = 'tick'  # machine: next tick; recorder: last tick of all topics
 FAULT = 'fault'  # machine: reason of the safe stop, '' without one
 NOTICE = 'notice'  # controllers: last observation of the learning monitor, '' without one
 REFUSED = 'refused messages'  # machine, controllers: malformed messages of the tick that were dropped
+FOREIGN = 'foreign messages'  # machine, controllers, recorder: messages of other publishers that were dropped
+OTHERS = 'other publishers'  # machine, controllers: topics with further publishers, and their nodes; '' without one
 FAILURE = 'failure'  # recorder: why the last cycle was not recorded, '' if it was
 
 

@@ -36,3 +36,4 @@ class TickMessage:
 
 ENCODER_SAMPLE = TickMessage('pkm_interfaces/msg/EncoderSample')
 MOTOR_COMMAND = TickMessage('pkm_interfaces/msg/MotorCommand')
+UINT64 = TickMessage('std_msgs/msg/UInt64')

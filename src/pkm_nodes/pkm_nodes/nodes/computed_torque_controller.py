@@ -13,7 +13,7 @@ from pkm_core.errors import PkmError
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.messages.conversions import is_identification
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
-from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains
+from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains, following_error_limit
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.loaded_config import LoadedConfig
 from pkm_nodes.runtime.node import PkmNode, entry_point
@@ -25,16 +25,18 @@ class ComputedTorqueControllerNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('computed_torque_controller', **kwargs)
         machine, chosen, gains = choose_gains(self, 'computed_torque')
+        self._limit = following_error_limit(self)
         self.check_settings()
         self._config = LoadedConfig(self, machine, chosen)
-        joints = machine.joints
+        self._joints = joints = machine.joints
         self._controller = make_controller(machine, gains)
         self._tick = -1
         self._measured = np.zeros(len(joints))  # [m] at self._tick
         self._missing = set()  # columns without a sample of self._tick
         self._errors = np.zeros((0, len(joints)))  # [m] of the loaded cycle, one row per sample
         law = CycleLaw(load=self._load, reset=self._controller.reset, check=_check)
-        self._cycles = CycleController(self, machine, {joint: CycleEvents(self, joint) for joint in joints}, law)
+        events = {joint: CycleEvents(self, joint) for joint in joints}
+        self._cycles = CycleController(self, machine, events, law, self._limit)
         self._cycle, self._senders = self._cycles.cycle, self._cycles.senders
         for column, joint in enumerate(joints):
             self.on_tick_topic(
@@ -65,8 +67,13 @@ class ComputedTorqueControllerNode(PkmNode):
         except PkmError as refusal:
             self.get_logger().error(f'tick {tick}: {refusal}; not answered')
             return
+        errors_now = errors.tolist()
+        for joint, error in zip(self._joints, errors_now, strict=True):
+            if not -self._limit <= error <= self._limit:
+                self._cycles.stop(tick, joint, error)
+                return
         self._cycle.running = True
-        for send, voltage, error in zip(self._senders, voltages.tolist(), errors.tolist(), strict=True):
+        for send, voltage, error in zip(self._senders, voltages.tolist(), errors_now, strict=True):
             send(MOTOR_COMMAND.pack(tick, cycle, voltage, error, 0.0))
         self._errors[index] = errors
         if index + 1 == len(self._errors):

@@ -12,6 +12,7 @@ from pkm_nodes.messages.conversions import (
     trajectory_to_msg,
 )
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
 
 
@@ -24,7 +25,7 @@ class InverseKinematicsNode(PkmNode):
         self.check_settings()
         self._events = CycleEvents(self, 'inverse_kinematics')
         self._publisher = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
-        self.create_subscription(SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
+        subscribe_one(self, SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
 
     def _on_poses(self, message):
         if is_identification(message):  # planned in joints: its sender publishes the joint_trajectory

@@ -20,7 +20,7 @@ from pkm_nodes.messages.conversions import learns
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 from pkm_nodes.parts.axis_excitation import AxisExcitation
 from pkm_nodes.parts.axis_learning import AxisLearning
-from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains
+from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains, following_error_limit
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.gain_parameters import GainParameters
 from pkm_nodes.parts.loaded_config import LoadedConfig
@@ -44,6 +44,7 @@ class JointControllerNode(PkmNode):
             'phase_margin': self.setting('least_phase_margin', 30.0, '[deg] gains that leave less are refused'),
         }
         self._gains = GainParameters(self, self._loaded_gains[joint], self._check_gains, self._exchange)
+        self._limit = following_error_limit(self)
         self.check_settings()
         self._config = LoadedConfig(self, machine, self._chosen)
         self._controller = RobustController(self._gains.gains, self._model, machine.sample_time, machine.voltage_limit)
@@ -61,7 +62,7 @@ class JointControllerNode(PkmNode):
             learn=self._learn,
             notice=lambda: self._learning.notice,
         )
-        self._cycles = CycleController(self, machine, {joint: self._events}, law)
+        self._cycles = CycleController(self, machine, {joint: self._events}, law, self._limit)
         self._cycle, self._send_command = self._cycles.cycle, self._cycles.senders[0]
         self.offer(f'{joint}/reload', self._reload)
         self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, size=ENCODER_SAMPLE.size)
@@ -135,8 +136,11 @@ class JointControllerNode(PkmNode):
             return
         try:
             voltage, error = self._controller.update(index, position)
-            if self._excited is not None:
+            if self._excited is not None:  # it has bounds of its own
                 voltage = self._excited.drive(index, voltage, position)
+            elif not -self._limit <= error <= self._limit:
+                self._cycles.stop(tick, self._joint, error)
+                return
         except IdentificationError as reason:
             self._events.publish(CycleEvent.STOP, cycle, tick=tick, message=str(reason))
             return

@@ -21,12 +21,13 @@ from pkm_core.learning import make_law
 from pkm_core.learning.best import Best
 from pkm_core.learning.store import save
 from pkm_core.machines import load_machine
-from pkm_interfaces.msg import CycleEvent, SampledTrajectory
+from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
 from pkm_nodes.messages.conversions import learns, trajectory_from_msg
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.gain_parameters import gains_from_msg
-from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
+from pkm_nodes.parts.one_source import subscribe_joint_trajectory
+from pkm_nodes.runtime.node import PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
 
 # [s, wall] wait of learning/save for joints without a request for the last cycle; a joint that has restored an earlier
@@ -64,7 +65,7 @@ class LearningNode(PkmNode):
         self._patience = self.create_timer(PATIENCE, self._end_wait, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._patience.cancel()
         subscribe_events(self, self._on_event)
-        self.create_subscription(SampledTrajectory, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
+        subscribe_joint_trajectory(self, self._on_trajectory)
         self.create_service(UpdateFeedforward, 'learning/update', self._on_update)
         alone = MutuallyExclusiveCallbackGroup()  # in the common group it would block the requests it waits for
         self.create_service(SaveLearned, 'learning/save', self._on_save, callback_group=alone)

@@ -23,8 +23,8 @@ class LinearMotorNode(PkmNode):
 
     def answering_nodes(self):
         """Return the full names of the nodes that can send commands."""
-        found = self.get_publishers_info_by_topic(self._command.topic_name)
-        return sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found)
+        self._command.publisher.look()
+        return self._command.publisher.nodes
 
     def publish(self, tick, cycle, index, mode, counts, position):
         """Publish one encoder sample."""

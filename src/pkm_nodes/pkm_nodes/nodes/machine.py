@@ -24,28 +24,19 @@ from std_srvs.srv import Trigger
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_core.plant.plant import Plant
-from pkm_core.servo.cycle_run import (
-    SEND_SAMPLES,
-    CycleRun,
-    CycleState,
-    Finish,
-    GoHome,
-    Refuse,
-    RefuseReset,
-    SendSamples,
-    Start,
-    StopSafely,
-)
+from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
+from pkm_core.servo.cycle_run import SEND_SAMPLES, CycleRun, CycleState
 from pkm_core.servo.tick_barrier import TickBarrier
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.messages.conversions import time_of_tick
-from pkm_nodes.messages.diagnostics import CYCLE, FAULT, REFUSED, STATE, TICK, diagnostics
-from pkm_nodes.messages.tick_messages import MOTOR_COMMAND
+from pkm_nodes.messages.diagnostics import CYCLE, FAULT, FOREIGN, OTHERS, REFUSED, STATE, TICK, diagnostics
+from pkm_nodes.messages.tick_messages import MOTOR_COMMAND, UINT64
 from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
 from pkm_nodes.parts.cell_lock import CellLock
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
+from pkm_nodes.parts.intruders import Intruders
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] /clock is published at 100 Hz of simulated time: ROS tools need no more, and every node receives it
@@ -92,15 +83,16 @@ class MachineNode(PkmNode):
         self._barrier = TickBarrier(len(self._joints), answer_timeout)
         self._run = CycleRun(self._joints, start_timeout, answer_timeout, window if wait_for_recorder else None)
         self._laser.zero(self._barrier.tick, self._plant.truth)
-        by_joint = [f'{joint}/{kind}' for joint in self._joints for kind in ('encoder', 'command')]
-        self._of_one_publisher = (*by_joint, 'machine/cycle', 'recorder/tick', 'pose_trajectory')
 
         self._events = CycleEvents(self, 'machine')
         self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        subscribe_events(self, self._on_event)
-        self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick)
+        subscribe_events(self, self._on_event, self._joints)
+        self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick, size=UINT64.size)
+        taken = [*self.tick_subscriptions, *(sub for motor in self._motors for sub in motor.tick_subscriptions)]
+        others = [*(f'{joint}/encoder' for joint in self._joints), 'machine/cycle', 'pose_trajectory']
+        self._intruders = Intruders(self, taken, others)
         self.create_service(Trigger, 'machine/reset', self._on_reset)
         self.offer('machine/stop', self._on_stop)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -125,12 +117,15 @@ class MachineNode(PkmNode):
     def _on_event(self, event):
         if event.event == CycleEvent.STOP:
             self._perform(self._run.stop_requested(event.cycle, f'{event.source}: {event.message}'))
+        elif event.event == CycleEvent.ANNOUNCED:
+            self._run.announced(event.cycle)
+            self._look()
         elif event.event == CycleEvent.LOADED:
             self._perform(self._run.loaded(event.source, event.cycle, event.samples, monotonic()))
             self._look()
 
-    def _on_recorder_tick(self, message):
-        self._perform(self._run.recorded(message.data, self._barrier.tick))
+    def _on_recorder_tick(self, data):
+        self._perform(self._run.recorded(*UINT64.unpack(data), self._barrier.tick))
 
     def _watch(self):
         """Check every wait against its timeout, in wall time."""
@@ -145,18 +140,9 @@ class MachineNode(PkmNode):
         unconnected, intruders = [], ''
         if self._run.state is CycleState.LOADED:
             unconnected = [part.get_name() for part in self.parts if not part.is_heard()]
-            intruders = self._intruders()
+        if self._run.is_loading:
+            intruders = self._intruders.find()
         self._perform(self._run.look(monotonic(), self._barrier.tick, unconnected, intruders))
-
-    def _intruders(self):
-        """Return which topics of the cell have several publishers, and which nodes these are; '' if none has."""
-        found = []
-        for topic in self._of_one_publisher:
-            publishers = self.get_publishers_info_by_topic(topic)
-            if len(publishers) > 1:
-                names = sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in publishers)
-                found.append(f'{self.resolve_topic_name(topic)} has {len(publishers)} publishers, {", ".join(names)}')
-        return f'{"; ".join(found)}; allowed: one each. Stop the others' if found else ''
 
     def _perform(self, actions):
         for action in actions:
@@ -169,12 +155,20 @@ class MachineNode(PkmNode):
                     self._publish_event(CycleEvent.STARTED, cycle, samples=samples)
                 case Finish(cycle, samples):
                     self._laser.publish()
+                    self._report_intruders()
                     self._publish_event(CycleEvent.FINISHED, cycle, samples=samples)
                 case Refuse(cycle, reason):
                     self._publish_event(CycleEvent.REFUSED, cycle, message=reason)
                 case StopSafely(cycle, samples, reason):
                     self._stop_safely(reason)
+                    self._report_intruders()
                     self._publish_event(CycleEvent.FAULT, cycle, samples=samples, message=reason)
+
+    def _report_intruders(self):
+        """Publish a NOTICE if there are publishers whose messages are dropped, once per cycle for each of them."""
+        if notice := self._intruders.news(self._run.cycle):
+            self.get_logger().warning(notice)
+            self._publish_event(CycleEvent.NOTICE, self._run.cycle, message=notice)
 
     def _publish_event(self, event, cycle, **fields):
         self._events.publish(event, cycle, tick=self._barrier.tick, **fields)
@@ -244,19 +238,25 @@ class MachineNode(PkmNode):
         super().destroy_node()
 
     def _publish_diagnostics(self):
+        if self._run.is_running:
+            self._intruders.look()
+            self._report_intruders()
         fault, tick = self._run.fault, self._barrier.tick
         stale = zip(self._joints, self._barrier.stale, strict=True)
         refused = sum(part.refused_messages() for part in (self, *self._motors))
+        foreign, others = self._intruders.foreign, self._intruders.present
         message = diagnostics(
             self,
-            DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if refused else DiagnosticStatus.OK,
-            f'fault: {fault}' if fault else 'cycle running' if self._run.is_running else 'standing',
+            DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if refused or others else DiagnosticStatus.OK,
+            f'fault: {fault}' if fault else others or ('cycle running' if self._run.is_running else 'standing'),
             {
                 STATE: self._run.state.value,
                 CYCLE: self._run.cycle,
                 TICK: tick,
                 FAULT: fault,
                 REFUSED: refused,
+                FOREIGN: foreign,
+                OTHERS: others,
                 **{f'stale commands {joint}': count for joint, count in stale},
             },
             time_of_tick(tick, self._sample_time),

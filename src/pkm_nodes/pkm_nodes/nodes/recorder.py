@@ -22,13 +22,15 @@ from pkm_core.recording.recording import Recording
 from pkm_core.recording.topics import By, recorded_topics
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.messages.conversions import time_of_tick
-from pkm_nodes.messages.diagnostics import FAILURE, STATE, TICK, diagnostics
+from pkm_nodes.messages.diagnostics import FAILURE, FOREIGN, STATE, TICK, diagnostics
 from pkm_nodes.messages.interfaces import find_interface
-from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.cycle_events import CycleEvents, EventGate
 from pkm_nodes.parts.graph_parameters import GraphParameters
 from pkm_nodes.parts.loaded_config import CONFIG_HASH
 from pkm_nodes.runtime.groups import PatientGroup
-from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.log_throttle import LogThrottle
+from pkm_nodes.runtime.node import CYCLE_QOS, EVENT_QOS, TICK_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.patient_subscription import PatientSubscription
 
 # topics of the servo tick and its states: deep queues
 _WITH_TICKS = (By.TICK, By.STAMP, By.TIME)
@@ -60,16 +62,16 @@ class RecorderNode(PkmNode):
         machine = load_machine(self._machine_name)
         self._configuration = machine.configuration
         self._loop_at_start = loop_hash(machine, control, machine_hash(self._machine_name, machine.configuration))
-        self._sample_time = machine.sample_time
+        self._sample_time, self._joints = machine.sample_time, machine.joints
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(machine.joints)}
         self._parameters_of_cell = GraphParameters(self)
         self._lock = FolderLock(folder)
-        self._recording = Recording(
-            self._lock.path, topics, machine, preroll, self._facts, self.get_logger().warn, self._is_offered
-        )
+        warn = LogThrottle(self.get_logger())
+        self._recording = Recording(self._lock.path, topics, machine, preroll, self._facts, warn, self._is_offered)
         self._queue = PatientGroup(self._serve)
         self._tick_subscriptions = []
-        taken = {s.topic_name: s for node in neighbours for s in node.tick_subscriptions if s.raw}
+        self._guarded = []  # PatientSubscription
+        taken = {s.topic_name: s for node in neighbours for s in node.tick_subscriptions}
         for name, topic in topics.items():
             self._listen(name, topic, taken.get(name))
         self._progress = self.create_publisher(UInt64, 'recorder/tick', TICK_QOS)
@@ -95,10 +97,31 @@ class RecorderNode(PkmNode):
             self._tick_subscriptions.append(taken)
             return
         # one group for all: events served after the ticks of many cycles would end the wrong cycle
-        qos = TICK_QOS if topic.by in _WITH_TICKS else CYCLE_QOS
-        subscription = self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)
+        qos = TICK_QOS if topic.by in _WITH_TICKS else EVENT_QOS if topic.by is By.EVENT else CYCLE_QOS
+        if topic.by in (By.TICK, By.TRAJECTORY):  # the machine starts only with one publisher of each
+            besides = 'pose_trajectory' if topic.name == 'joint_trajectory' else None
+            self._guarded.append(PatientSubscription(self, message_type, name, take, qos, self._queue, besides=besides))
+        else:
+            take = (
+                self._take_events(take, EventGate(self, name, self._joints))
+                if topic.by is By.EVENT
+                else _ignoring_senders(take)
+            )
+            self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)
         if topic.by is By.TICK:
-            self._tick_subscriptions.append(subscription)
+            self._tick_subscriptions.append(self._guarded[-1])
+
+    def _take_events(self, take, gate):
+        """Return a function that passes events which may be believed to `take`."""
+
+        def take_genuine(messages, senders=None):
+            rows = [messages] if isinstance(messages, bytes) else [row.tobytes() for row in messages]
+            gids = len(rows) * [b''] if senders is None else [gid.tobytes() for gid in senders]
+            for row, gid in zip(rows, gids, strict=True):
+                if gate.event_in(row, gid) is not None:
+                    take(row)
+
+        return take_genuine
 
     def _facts(self, motion, law):
         """Return the metadata of a bag that name software, configuration and parameters."""
@@ -128,6 +151,8 @@ class RecorderNode(PkmNode):
     def _announce(self):
         """Report progress once all topics of a cycle are connected, and again after a reconnection."""
         self._parameters_of_cell.look_around()
+        for guarded in self._guarded:
+            guarded.look()
         before = self._connected
         self._connected = sum(s.get_publisher_count() > 0 for s in self._tick_subscriptions) + self._is_led()
         connected = before == self._connected == len(self._tick_subscriptions) + 1
@@ -164,6 +189,11 @@ class RecorderNode(PkmNode):
                     f'cycle {outcome.cycle}: messages missing in {outcome.path}: {outcome.lost}; '
                     f'first and last of the ticks missing: {outcome.lost_ticks}'
                 )
+            if outcome.surplus:
+                self.get_logger().error(
+                    f'cycle {outcome.cycle}: more messages than expected in {outcome.path}: {outcome.surplus}; '
+                    f'these topics may have further publishers'
+                )
         if self.context.ok():  # otherwise the bag is readable, but the context cannot publish
             self._events.publish(event, outcome.cycle, tick=outcome.tick, samples=outcome.messages, **text)
 
@@ -175,11 +205,12 @@ class RecorderNode(PkmNode):
         except OSError as error:
             free = error.strerror
         counts = {'bags': self._closed, 'lost messages': self._lost, TICK: recording.progress, 'free [MB]': free}
+        foreign = sum(each.foreign for each in self._guarded)
         message = diagnostics(
             self,
-            DiagnosticStatus.ERROR if self._failure else DiagnosticStatus.OK,
+            DiagnosticStatus.ERROR if self._failure else DiagnosticStatus.WARN if foreign else DiagnosticStatus.OK,
             f'not recorded: {self._failure}' if self._failure else state,
-            {STATE: state, FAILURE: self._failure, **counts},
+            {STATE: state, FAILURE: self._failure, **counts, FOREIGN: foreign},
             time_of_tick(max(0, recording.progress), self._sample_time),
         )
         self._diagnostics.publish(message)
@@ -191,6 +222,15 @@ class RecorderNode(PkmNode):
             self._report_outcome(self._recording.outcomes.pop(0))
         self._lock.release()
         super().destroy_node()
+
+
+def _ignoring_senders(take):
+    """Return a callback of a `PatientGroup` that passes the messages of every sender to `take`."""
+
+    def take_all(messages, senders=None):
+        take(messages)
+
+    return take_all
 
 
 main = entry_point(RecorderNode)

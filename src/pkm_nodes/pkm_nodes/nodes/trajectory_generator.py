@@ -13,6 +13,7 @@ from math import nan
 from pathlib import Path
 from time import monotonic
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -32,9 +33,12 @@ from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, Excitation, PlatformPose
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import trajectory_from_msg, trajectory_to_msg
+from pkm_nodes.messages.diagnostics import CYCLE, FAULT, STATE, values_of
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
+from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.parts.presence import Presence
-from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.log_throttle import LogThrottle
+from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, REQUEST_QOS, PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
 
 
@@ -48,9 +52,13 @@ class TrajectoryGeneratorNode(PkmNode):
         self._gains = choose_control(self._machine, self._chosen)
         start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')
         metrics_timeout = self.setting('metrics_timeout', 2.0, '[s, wall] from the last tick to the metrics')
+        silence = self.setting(
+            'machine_timeout', 12.0, '[s, wall] without diagnostics of the machine until it is stuck'
+        )
         self.check_settings()
+        self._log_refusal = LogThrottle(self.get_logger(), is_error=True)
         self._goal = ''  # the running goal and cycle, in words
-        self._cycle = GoalCycle(start_timeout, metrics_timeout)
+        self._cycle = GoalCycle(start_timeout, metrics_timeout, silence)
         self._messages = []  # (publisher, message) of the last cycle
         self._ended = Future()  # End of the last cycle
         self._poses = self.create_publisher(SampledTrajectoryMessage, 'pose_trajectory', CYCLE_QOS)
@@ -59,13 +67,20 @@ class TrajectoryGeneratorNode(PkmNode):
         for joint in self._machine.joints:
             self.create_subscription(CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
         self._events = CycleEvents(self, 'trajectory_generator')
-        subscribe_events(self, self._on_event)
-        self.create_subscription(UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
+        subscribe_events(self, self._on_event, self._machine.joints)
+        subscribe_one(self, UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._machine_presence = Presence(self, 'machine/cycle')
         self.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.offer('trajectory_generator/reload', self._reload)
+        options = {f'{kind}_service_qos_profile': REQUEST_QOS for kind in ('goal', 'result')}
         self._server = ActionServer(
-            self, ExecuteMotion, 'execute_motion', self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
+            self,
+            ExecuteMotion,
+            'execute_motion',
+            self._execute,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            **options,
         )
 
     def _reload(self):
@@ -80,7 +95,7 @@ class TrajectoryGeneratorNode(PkmNode):
             self._refuse_second_goal(goal_handle.request)
             name, first, later = self._plan(goal_handle.request)
         except PkmError as error:
-            self.get_logger().error(f'goal refused: {error}')
+            self._log_refusal(f'goal refused: {error}', 'goals')
             result.message = str(error)
             goal_handle.abort()
             return result
@@ -203,6 +218,15 @@ class TrajectoryGeneratorNode(PkmNode):
     def _on_machine_cycle(self, message):
         self._perform(self._cycle.numbered(message.data))
 
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            if status.name == f'{self.get_namespace().rstrip("/")}/machine':
+                values = values_of(status)
+                cycle = values.get(CYCLE, '')
+                if cycle.isdecimal():
+                    facts = values.get(STATE, ''), int(cycle), values.get(FAULT, ''), self._joints_with_metrics()
+                    self._perform(self._cycle.reported(monotonic(), *facts))
+
     def _on_event(self, event):
         if event.event == CycleEvent.STARTED:
             self._perform(self._cycle.started(event.cycle))
@@ -223,6 +247,7 @@ class TrajectoryGeneratorNode(PkmNode):
         for action in actions:
             match action:
                 case Send(cycle):
+                    self._events.publish(CycleEvent.ANNOUNCED, cycle, message=self._goal)
                     for publisher, message in self._messages:
                         message.cycle = cycle
                         publisher.publish(message)

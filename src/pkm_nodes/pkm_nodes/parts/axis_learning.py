@@ -24,6 +24,7 @@ class AxisLearning:
     node : PkmNode
     joint : str
     machine : Machine
+        For its sample time and its limits of voltage and thrust.
     events : CycleEvents
         Of the joint.
     on_end : callable
@@ -40,8 +41,9 @@ class AxisLearning:
 
     def __init__(self, node, joint, machine, events, on_end):
         self.feedforward, self.notice = np.zeros(0), ''
-        self._joint, self._sample_time, self._events, self._on_end = joint, machine.sample_time, events, on_end
-        self._limit = machine.drive_limit
+        self._joint, self._events, self._on_end = joint, events, on_end
+        self._sample_time, self._limit = machine.sample_time, machine.voltage_limit
+        self._drive_limit = machine.drive_limit
         self._logger = node.get_logger()
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -54,7 +56,7 @@ class AxisLearning:
 
     def renew(self):
         """Restart monitor and iteration count with the current feedforward, because the loop has changed."""
-        self._monitor, self._iteration = Monitor(self._joint, self._limit), 0
+        self._monitor, self._iteration = Monitor(self._joint, self._drive_limit), 0
 
     def begin(self, message, reference, given):
         """
@@ -114,6 +116,8 @@ class AxisLearning:
         refusal = '' if response.success else f'learning refused: {response.message}'
         if response.success and (len(feedforward) != samples or not np.isfinite(feedforward).all()):
             refusal = f'learning answered {feedforward} ({len(feedforward)} values); expected {samples} finite ones'
+        elif response.success and (peak := np.abs(feedforward).max()) > self._limit:
+            refusal = f'learning answered up to {peak:g} V; allowed: at most {self._limit:g} V'
         if refusal:
             self._keep(refusal)
         else:

@@ -18,8 +18,11 @@ from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerS
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from_msg
-from pkm_nodes.messages.diagnostics import CYCLE, NOTICE, REFUSED, STATE, diagnostics
+from pkm_nodes.messages.diagnostics import CYCLE, FOREIGN, NOTICE, OTHERS, REFUSED, STATE, diagnostics
 from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.parts.encoder_crowd import EncoderCrowd
+from pkm_nodes.parts.one_source import subscribe_joint_trajectory
+from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.node import CYCLE_QOS
 
 # [s, wall] wait for readers of the commands that are known but not connected, such as a recorder that starts up
@@ -33,6 +36,12 @@ _TEXTS = {
     ControllerState.LOADED: 'cycle loaded',
     ControllerState.RUNNING: 'cycle running',
 }
+
+
+def following_error_limit(node):
+    """Declare the parameter `following_error_limit` of `node` and return its value [m]."""
+    # chosen: 40 times the error without learning in the hard environment, and far from every stop
+    return node.setting('following_error_limit', 1e-3, '[m] an axis further from its reference stops the machine')
 
 
 def choose_gains(node, kind):
@@ -126,6 +135,8 @@ class CycleController:
     events : dict of str to CycleEvents
         By joint of this controller, in the order of the columns of `LoadedCycle.errors`.
     law : CycleLaw
+    following_limit : float
+        [m] of `following_error_limit`; the owner of the tick path compares, and calls `stop`.
 
     Attributes
     ----------
@@ -136,7 +147,8 @@ class CycleController:
 
     """
 
-    def __init__(self, node, machine, events, law):
+    def __init__(self, node, machine, events, law, following_limit):
+        self._following_limit = following_limit
         self._node, self._machine, self._events, self._law = node, machine, events, law
         self.cycle = ControllerCycle(DISCOVERY)
         self._loaded = None  # LoadedCycle, the last one
@@ -144,10 +156,14 @@ class CycleController:
         self._commands, self.senders = zip(*publishers, strict=True)
         self._metrics = [node.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in events]
         subscribe_events(node, self._on_event)  # first: a reset must be served before the trajectory that follows it
-        node.create_subscription(SampledTrajectoryMessage, 'joint_trajectory', self._on_trajectory, CYCLE_QOS)
+        subscribe_joint_trajectory(node, self._on_trajectory)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._retry = node.create_timer(_RETRY, self.load_if_possible, clock=wall)
         self._retry.cancel()
+        self._crowd = EncoderCrowd(node)
+        self._announced = None  # number of the cycle of the goal, None before the first one
+        self._log_refusal = LogThrottle(node.get_logger(), is_error=True)
+        self._foreign_before = 0  # messages of other publishers before the loaded cycle
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         node.create_timer(1.0, self._publish_diagnostics, clock=wall)
 
@@ -159,6 +175,9 @@ class CycleController:
     def finish(self):
         """End the running cycle after its last tick: publish the metrics, then learn."""
         self.cycle.end()
+        if self._node.foreign_messages() > self._foreign_before and (others := self._crowd.others()):
+            for events in self._events.values():
+                events.publish(CycleEvent.NOTICE, self.cycle.last, message=others)
         loaded = self._loaded
         moves = loaded.trajectory.move_starts, loaded.trajectory.move_ends
         for joint, error, publisher in zip(self._events, loaded.errors.T, self._metrics, strict=True):
@@ -175,13 +194,30 @@ class CycleController:
             )
         self._law.learn(loaded)
 
+    def stop(self, tick, joint, error):
+        """Request a stop: `error` [m] of `joint` at `tick` exceeds the limit; the tick gets no command."""
+        self._events[joint].publish(
+            CycleEvent.STOP,
+            self.cycle.active,
+            tick=tick,
+            message=f'{joint}: following error is {1e3 * error:.3f} mm; '
+            f'allowed: at most {1e3 * self._following_limit:g} mm (parameter following_error_limit)',
+        )
+
     def load_if_possible(self):
         """Load the waiting cycle if the law is free and the readers of the commands are connected."""
         waiting = self.cycle.waiting
         if waiting is None or self._law.is_busy(waiting.message) or not all(map(self._is_connected, self._commands)):
             return
+        crowd = self._crowd.find()
+        if crowd and not self._crowd.stays():
+            return
         self._retry.cancel()
         self._loaded = self.cycle.begin()
+        if crowd:
+            self._refuse(self.cycle.last, f'cycle {self.cycle.last}: {crowd}')
+            return
+        self._foreign_before = self._node.foreign_messages()
         try:
             self._law.load(self._loaded)
         except PkmError as error:
@@ -191,6 +227,8 @@ class CycleController:
         self._report_loaded()
 
     def _on_event(self, event):
+        if event.event == CycleEvent.ANNOUNCED:
+            self._announced = event.cycle
         stopped = event.event == CycleEvent.STOP and self.cycle.is_stopped_by(event.cycle)
         if stopped or event.event == CycleEvent.RESET:
             self.drop()
@@ -199,7 +237,8 @@ class CycleController:
         """Take the trajectory of the next cycle; report the loaded one again if it is that."""
         action = self.cycle.on_trajectory(message.cycle)
         if action is Action.REPORT:
-            self._report_loaded()
+            if self.cycle.running or not self._crowd.find():
+                self._report_loaded()
             return
         machine = self._machine
         try:
@@ -221,7 +260,9 @@ class CycleController:
         self.load_if_possible()
 
     def _refuse(self, cycle, error):
-        self._node.get_logger().error(f'joint_trajectory refused: {error}')
+        self._log_refusal(f'joint_trajectory refused: {error}')
+        if self._announced not in (None, cycle):  # foreign: the event would end the goal that runs or comes
+            return
         for events in self._events.values():
             events.publish(CycleEvent.REFUSED, cycle, message=str(error))
 
@@ -234,9 +275,10 @@ class CycleController:
             events.publish(CycleEvent.LOADED, self.cycle.active, samples=len(self._loaded.trajectory))
 
     def _publish_diagnostics(self):
-        notice, state = self._law.notice(), self.cycle.state
-        refused = self._node.refused_messages()
-        level = DiagnosticStatus.WARN if notice or refused else DiagnosticStatus.OK
+        notice, state, others = self._law.notice(), self.cycle.state, self._crowd.others()
+        refused, foreign = self._node.refused_messages(), self._node.foreign_messages()
+        level = DiagnosticStatus.WARN if notice or refused or others else DiagnosticStatus.OK
         values = {STATE: state, CYCLE: self.cycle.last, NOTICE: notice, REFUSED: refused}
+        values |= {FOREIGN: foreign, OTHERS: others}
         stamp = self._node.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostics(self._node, level, notice or _TEXTS[state], values, stamp))
+        self._diagnostics.publish(diagnostics(self._node, level, others or notice or _TEXTS[state], values, stamp))

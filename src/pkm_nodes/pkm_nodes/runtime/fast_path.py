@@ -16,7 +16,7 @@ import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import get_logger
+from rclpy.logging import LoggingSeverity, get_logger
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
@@ -24,6 +24,7 @@ from std_msgs.msg import String
 
 from pkm_core.errors import ConfigError
 from pkm_nodes.runtime.groups import HotGroup, PatientGroup
+from pkm_nodes.runtime.tick_subscription import TickSubscription
 
 # environment variable: 1 selects rclpy's public API
 SWITCH = 'PKM_PUBLIC_RCLPY'
@@ -70,6 +71,14 @@ class FastPath:
         from pkm_nodes.runtime.lockstep import LockstepExecutor
 
         return LockstepExecutor(context=context)
+
+    def stepped_executor(self, context):
+        """Return an executor with `spin_once`, for a client."""
+        if not self.is_used(context):
+            return SingleThreadedExecutor(context=context)
+        from pkm_nodes.runtime.sender_takes import SteppedExecutor
+
+        return SteppedExecutor(context=context)
 
     def _find_obstacle(self, context):
         switch = os.environ.get(SWITCH, '0')
@@ -119,22 +128,28 @@ class _Ended(Exception):  # noqa: N818 (no error: the end of a trial)
 
 
 def _trial(context, make_executor, sender_of):
-    """Return the serialized messages that a hot and a patient subscription have taken, in two lists."""
+    """Return what a hot and a patient subscription have taken, as far as both paths must agree."""
     name = f'_fast_path_{uuid4().hex}'  # hidden from tools, and no other process has it
     options = {'use_global_arguments': False, 'enable_rosout': False, 'start_parameter_services': False}
     node = Node(name, context=context, **options)
-    hot, patient, unsent = [], [], list(_MESSAGES)
+    node.get_logger().set_level(LoggingSeverity.ERROR)  # messages of another size are part of the trial
+    hot, patient, senders, unsent = [], [], set(), list(_MESSAGES)
     qos = QoSProfile(depth=len(_MESSAGES))
-    groups = [(HotGroup(), hot.append), (PatientGroup(lambda: None), lambda data: patient.extend(_rows(data)))]
-    for group, callback in groups:
-        node.create_subscription(String, name, callback, qos, callback_group=group, raw=True)
+    node.hot_group, patient_group = HotGroup(), PatientGroup(lambda: None)
+
+    def take_patiently(data, gids=()):
+        patient.extend(_rows(data))
+        senders.update(gid.tobytes() for gid in gids)
+
+    tick = TickSubscription(node, String, name, hot.append, qos, size=len(_MESSAGES[0]))
+    node.create_subscription(String, name, take_patiently, qos, callback_group=patient_group, raw=True)
     publisher = node.create_publisher(String, name, qos)
     send, deadline = sender_of(publisher), monotonic() + _TRIAL_TIMEOUT
 
     def step():
-        while unsent and publisher.get_subscription_count() == len(groups):
+        while unsent and publisher.get_subscription_count() == 2 and tick.bind():
             send(unsent.pop(0))
-        if len(hot) == len(patient) == len(_MESSAGES) or monotonic() > deadline:
+        if len(hot) + tick.refused == len(patient) == len(_MESSAGES) or monotonic() > deadline:
             raise _Ended
 
     node.create_timer(1e-3, step, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -144,7 +159,8 @@ def _trial(context, make_executor, sender_of):
         executor.spin()
         raise ExternalShutdownException
     except _Ended:
-        return hot, patient
+        # the API of rclpy has no senders; the fast path must name the publisher that the graph lists
+        return hot, tick.refused, patient, senders <= {tick.publisher.gid}, tick.foreign
     finally:
         executor.shutdown()
         node.destroy_node()

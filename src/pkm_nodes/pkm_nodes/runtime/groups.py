@@ -1,17 +1,29 @@
 """Callback groups by which an executor recognises the subscriptions of the servo tick."""
 
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
 
 class HotGroup(ReentrantCallbackGroup):
-    """Subscriptions of the servo tick, which the lock-step executor serves before everything else."""
+    """
+    Subscriptions of the servo tick, which the lock-step executor serves before everything else.
+
+    Attributes
+    ----------
+    subscriptions : dict of Subscription to TickSubscription
+
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.subscriptions = {}
 
 
 class PatientGroup(ReentrantCallbackGroup):
     """
     Raw subscriptions whose messages may wait while ticks flow.
 
-    Their callbacks get one serialized message, or several of equal size as the rows of an (n, size) array of bytes.
+    An executor of rclpy calls their callbacks with one serialized message. The lock-step executor calls them with
+    several of equal size, as the rows of an (n, size) array of bytes, and the GIDs of their publishers, see queues.py.
 
     Parameters
     ----------
@@ -27,3 +39,11 @@ class PatientGroup(ReentrantCallbackGroup):
     def ending_execution(self, entity):
         """Call `emptied` after a message that an executor of rclpy has served."""
         self.emptied()
+
+
+class SenderGroup(MutuallyExclusiveCallbackGroup):
+    """
+    Raw subscriptions whose callbacks get the sender of a message: ``callback(data, sender=b'')``.
+
+    The lock-step executor passes the GID of the publisher. The executors of rclpy do not know it.
+    """

@@ -28,11 +28,14 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import get_logger
 from rclpy.subscription import Subscription
 from rclpy.task import Task
-from rclpy.waitable import NumberOfEntities
 
 from pkm_core.errors import PkmError
 from pkm_nodes.runtime.groups import HotGroup, PatientGroup
+from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.queues import Taker
+from pkm_nodes.runtime.sender_takes import SenderTakes
+from pkm_nodes.runtime.tick_take import MALFORMED, STRANGER, TickTake, take_one
+from pkm_nodes.runtime.waiting import Waiting
 
 # [s] period at which all other entities are served while ticks flow, and the largest share of the time for it: on a
 # loaded computer this takes long, and the period grows
@@ -48,11 +51,10 @@ _EMPTY_AT_MOST = 1000
 _EVENTS_EVERY = 1.0
 # [s] pause when a callback is due in a group of which another callback awaits a future
 _SUSPENDED = 0.001
-# entities of a wait set, in the order of the constructor of `WaitSet`
-_KINDS = ('subscription', 'guard_condition', 'timer', 'client', 'service')
+_log_dropped = LogThrottle(get_logger('pkm'), is_error=True)
 
 
-class LockstepExecutor(Executor):
+class LockstepExecutor(SenderTakes, Executor):
     """A single-threaded executor that serves the subscriptions in `HotGroup`s first."""
 
     def __init__(self, *, context=None):
@@ -113,11 +115,11 @@ class LockstepExecutor(Executor):
         for waitable, _ in waitables:
             self._held.enter_context(waitable)
         wakers = [self._guard.handle, self._sigint_gc.handle]
-        self._rest = _Waiting(self._context, rest, others)
-        self._all = _Waiting(self._context, rest, others, wakers, [s.handle for s in (*hot, *patient)])
-        self._events = _Waiting(self._context, {}, events)
+        self._rest = Waiting(self._context, rest, others)
+        self._all = Waiting(self._context, rest, others, wakers, [s.handle for s in (*hot, *patient)])
+        self._events = Waiting(self._context, {}, events)
         self._hot = [s.handle for s in hot]
-        self._takes = {s.handle.pointer: _take_of(s) for s in hot}
+        self._takes = {s.handle.pointer: _TickTaker(s) for s in hot}
         self._hot_wait_set = _rclpy.WaitSet(len(hot), 0, 0, 0, 0, 0, self._context.handle)
         self._queues = _Queues(patient)
 
@@ -136,10 +138,14 @@ class LockstepExecutor(Executor):
                 wait_set.wait(timeout)
                 ready = wait_set.get_ready_entities('subscription')
                 for pointer in ready:
-                    take_message, message_type, raw, callback = takes[pointer]
-                    taken = take_message(message_type, raw)
-                    if taken is not None:
-                        callback(taken[0])
+                    take = takes[pointer]
+                    result = take_one(take.record)
+                    if result > 0:
+                        data = take.content.tobytes()
+                        for serve in take.served:
+                            serve(data)
+                    elif result < 0:
+                        take.on_other(result)
             elif timeout:
                 sleep(_EMPTY_EVERY)
             now = perf_counter()
@@ -180,49 +186,19 @@ class LockstepExecutor(Executor):
                 self._tasks[:0] = pending
 
 
-class _Waiting:
-    """
-    A wait set that is filled repeatedly with the same entities.
+class _TickTaker(TickTake):
+    """The take of a subscription of the servo tick, with everything it needs, so that nothing is looked up."""
 
-    Parameters
-    ----------
-    context : Context
-    entities : dict of str to list
-        (entity, function that takes from it) by kind.
-    waitables : list
-        (waitable, function that takes from it): actions and events.
-    guards, subscriptions : list
-        Handles that only end the waiting.
+    def __init__(self, subscription):
+        tick = subscription.callback_group.subscriptions[subscription]
+        super().__init__(subscription.handle.pointer, tick.size)
+        self.served = tick.served
+        self._on = {MALFORMED: tick.on_malformed, STRANGER: tick.on_stranger}
+        tick.take_by(self)
 
-    """
-
-    def __init__(self, context, entities, waitables, guards=(), subscriptions=()):
-        handles = {kind: [entity.handle for entity, _ in of_kind] for kind, of_kind in entities.items()}
-        handles['guard_condition'] = [*handles.get('guard_condition', ()), *guards]
-        handles['subscription'] = [*handles.get('subscription', ()), *subscriptions]
-        count = NumberOfEntities(*(len(handles.get(kind, ())) for kind in _KINDS))
-        for waitable, _ in waitables:
-            count += waitable.get_num_entities()
-        self._wait_set = _rclpy.WaitSet(*(getattr(count, name) for name in count.__slots__), context.handle)
-        self._fill = [(getattr(self._wait_set, f'add_{kind}'), handle) for kind in handles for handle in handles[kind]]
-        self._entities = {kind: {pair[0].handle.pointer: pair for pair in entities[kind]} for kind in entities}
-        self._waitables = waitables
-
-    def wait(self, timeout):
-        """Wait for up to `timeout` [ns]; return (entity, function that takes from it) of the ready ones."""
-        wait_set = self._wait_set
-        wait_set.clear_entities()
-        for add, handle in self._fill:
-            add(handle)
-        for waitable, _ in self._waitables:
-            waitable.add_to_wait_set(wait_set)
-        wait_set.wait(timeout)
-        ready = [pair for pair in self._waitables if pair[0].is_ready(wait_set)]
-        for kind, entities in self._entities.items():
-            found = [entities[pointer] for pointer in wait_set.get_ready_entities(kind) if pointer in entities]
-            # rcl reports cancelled timers as ready
-            ready += [pair for pair in found if kind != 'timer' or pair[0].handle.is_timer_ready()]
-        return ready
+    def on_other(self, result):
+        """Handle a result of `take_one` that is no message to be served."""
+        self._on.get(result, self.raise_error)()
 
 
 class _Queues:
@@ -256,11 +232,6 @@ async def _execute(entity, take):
         # a message may be unreadable: rclpy raises for a negative time on /clock, and for text that is no UTF-8
         if not isinstance(entity, Subscription) or isinstance(error, PkmError):
             raise
-        get_logger('pkm').error(f'{entity.topic_name}: message dropped: {error}')
+        _log_dropped(f'{entity.topic_name}: message dropped: {error}')
     finally:
         entity.callback_group.ending_execution(entity)
-
-
-def _take_of(subscription):
-    """Return what is needed to serve `subscription`, so that it is not looked up for every message."""
-    return subscription.handle.take_message, subscription.msg_type, subscription.raw, subscription.callback

@@ -43,6 +43,10 @@ def reliable(depth):
 TICK_QOS = reliable(1000)
 # Trajectories and events of a cycle.
 CYCLE_QOS = reliable(100)
+# Subscriptions to events: a burst of messages does not push those of the cell out of the queue.
+EVENT_QOS = reliable(10_000)
+# Requests of goals: rclpy's ten are too few for many clients at once, and the rest would get no answer.
+REQUEST_QOS = reliable(1000)
 # A state: a late subscriber gets the last value.
 LAST_VALUE_QOS = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -175,12 +179,8 @@ class PkmNode(Node):
 
         self.create_service(Trigger, name, answer)
 
-    def on_tick_topic(self, message_type, topic, callback, *, size=None):
-        """
-        Return a `TickSubscription` to `topic`, served before everything else.
-
-        With the `size` [bytes] of a serialized message, `callback` takes serialized messages.
-        """
+    def on_tick_topic(self, message_type, topic, callback, *, size):
+        """Return a `TickSubscription` to `topic`: `callback(data)` takes serialized messages of `size` [bytes]."""
         subscription = TickSubscription(self, message_type, topic, callback, TICK_QOS, size=size)
         self.tick_subscriptions.append(subscription)
         return subscription
@@ -188,6 +188,10 @@ class PkmNode(Node):
     def refused_messages(self):
         """Return how many messages of the servo tick this node has dropped, because of their size or byte order."""
         return sum(subscription.refused for subscription in self.tick_subscriptions)
+
+    def foreign_messages(self):
+        """Return how many messages of the servo tick this node has dropped, because of their sender."""
+        return sum(subscription.foreign for subscription in self.tick_subscriptions)
 
     def tick_publisher(self, message_type, topic):
         """Return a publisher on a topic of the servo tick, and the function that publishes serialized messages."""

@@ -15,15 +15,19 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 # rclpy has loaded both, so no path is needed; compiled code finds global symbols only
 ctypes.CDLL('librcl.so', ctypes.RTLD_GLOBAL)
 _rcutils = ctypes.CDLL('librcutils.so')
-_take_serialized = types.ExternalFunction('rcl_take_serialized_message', types.int32(*4 * [types.intp]))
-_copy = types.ExternalFunction('memcpy', types.intp(*3 * [types.intp]))
+take_serialized = types.ExternalFunction('rcl_take_serialized_message', types.int32(*4 * [types.intp]))
+copy = types.ExternalFunction('memcpy', types.intp(*3 * [types.intp]))
 
 # of rcl/types.h
-_OK, _NOTHING = 0, 401  # RCL_RET_OK, RCL_RET_SUBSCRIPTION_TAKE_FAILED
+OK, NOTHING = 0, 401  # RCL_RET_OK, RCL_RET_SUBSCRIPTION_TAKE_FAILED
 # rcutils_uint8_array_t as eight words: buffer, length, capacity and five of its allocator
-_BUFFER, _LENGTH, _ALLOCATOR, _WORDS = 0, 1, 3, 8
+_BUFFER, LENGTH, ALLOCATOR, MESSAGE_WORDS = 0, 1, 3, 8
+# rmw_message_info_t as eight words: four of times and numbers, name of the middleware, GID of the publisher in two
+GID, INFO_WORDS = 5, 8
 # [bytes] room for one block of messages: a thousand of the servo tick
 _ROOM = 64 * 1024
+# most messages of one block
+_MOST = 1500
 
 
 class _Allocator(ctypes.Structure):  # rcutils_allocator_t
@@ -31,12 +35,23 @@ class _Allocator(ctypes.Structure):  # rcutils_allocator_t
 
 
 _rcutils.rcutils_get_default_allocator.restype = _Allocator
+fini = _rcutils.rcutils_uint8_array_fini
 
 
-@njit('UniTuple(int64, 3)(int64, int64[::1], uint8[::1], int64)', cache=True)
-def _take_alike(subscription, message, content, most):
+def default_allocator():
+    """Return rcutils' allocator as words."""
+    return np.frombuffer(_rcutils.rcutils_get_default_allocator(), np.int64)
+
+
+def raise_error(what):
+    """Raise the `RCLError` of a take that returned `what`."""
+    raise _rclpy.RCLError(f'rcl_take_serialized_message: returned {what}; expected {OK} or {NOTHING}')
+
+
+@njit('UniTuple(int64, 3)(int64, int64[::1], int64[::1], uint8[::1], int64[:, ::1], int64)', cache=True)
+def _take_alike(subscription, message, info, content, senders, most):
     """
-    Copy up to `most` messages of equal size from the queue of `subscription` to `content`.
+    Copy up to `most` messages of equal size from the queue of `subscription` to `content`, their GIDs to `senders`.
 
     The first message of another size, or without room, stays in `message` for the next call.
 
@@ -45,24 +60,25 @@ def _take_alike(subscription, message, content, most):
     number, end : int
         Number of the messages in `content`, and their end in it [bytes].
     code : int
-        Return code of rcl: `_OK`, `_NOTHING` when the queue is empty, or an error.
+        Return code of rcl: `OK`, `NOTHING` when the queue is empty, or an error.
 
     """
     number, end = 0, 0
-    size = message[_LENGTH]
-    while number < most:
-        if not message[_LENGTH]:
-            code = _take_serialized(subscription, message.ctypes.data, 0, 0)
-            if code != _OK:
-                message[_LENGTH] = 0
+    size = message[LENGTH]
+    while number < min(most, len(senders)):
+        if not message[LENGTH]:
+            code = take_serialized(subscription, message.ctypes.data, info.ctypes.data, 0)
+            if code != OK:
+                message[LENGTH] = 0
                 return number, end, code
-            size = size or message[_LENGTH]
-        if message[_LENGTH] != size or end + size > len(content):
+            size = size or message[LENGTH]
+        if message[LENGTH] != size or end + size > len(content):
             break
-        _copy(content.ctypes.data + end, message[_BUFFER], size)
-        message[_LENGTH] = 0
+        copy(content.ctypes.data + end, message[_BUFFER], size)
+        message[LENGTH] = 0
+        senders[number] = info[GID : GID + 2]
         number, end = number + 1, end + size
-    return number, end, _OK
+    return number, end, OK
 
 
 class Taker:
@@ -70,22 +86,25 @@ class Taker:
 
     def __init__(self):
         self._content = np.empty(_ROOM, np.uint8)
-        self._message = np.zeros(_WORDS, np.int64)
-        self._message[_ALLOCATOR:] = np.frombuffer(_rcutils.rcutils_get_default_allocator(), np.int64)
+        self._senders = np.empty((_MOST, 2), np.int64)
+        self._message = np.zeros(MESSAGE_WORDS, np.int64)
+        self._message[ALLOCATOR:] = default_allocator()
+        self._info = np.zeros(INFO_WORDS, np.int64)  # of `_message`
 
     def __del__(self):
-        _rcutils.rcutils_uint8_array_fini(ctypes.c_void_p(self._message.ctypes.data))
+        fini(ctypes.c_void_p(self._message.ctypes.data))
 
     def take(self, subscription, callback, enough):
         """
-        Call `callback(messages)` with the waiting messages, oldest first, until none is left or `enough` were taken.
+        Call `callback` with the waiting messages, oldest first, until none is left or `enough` were taken.
 
         Parameters
         ----------
         subscription : int
             Address of its rcl_subscription_t; the caller keeps it alive.
         callback : callable
-            Takes messages of equal size, the rows of an array of bytes.
+            ``callback(messages, senders)``: messages of equal size, the rows of an array of bytes, and the GID of the
+            publisher of each, the rows (n, 2) of an array of int64.
         enough : int
             Number of messages after which the others stay in the queue.
 
@@ -100,21 +119,23 @@ class Taker:
             If rcl returns an error.
 
         """
-        taken, code = 0, _OK
-        while code == _OK and (taken < enough or self._message[_LENGTH]):
-            number, end, code = _take_alike(subscription, self._message, self._content, enough)
+        taken, code = 0, OK
+        while code == OK and (taken < enough or self._message[LENGTH]):
+            number, end, code = _take_alike(
+                subscription, self._message, self._info, self._content, self._senders, enough
+            )
             if number:
-                callback(self._content[:end].reshape(number, -1).copy())
-            elif code == _OK:
-                callback(self._take_large())
+                callback(self._content[:end].reshape(number, -1).copy(), self._senders[:number].copy())
+            elif code == OK:
+                callback(self._take_large(), self._info[np.newaxis, GID : GID + 2].copy())
                 number = 1
             taken += number
-        if code not in (_OK, _NOTHING):
-            raise _rclpy.RCLError(f'rcl_take_serialized_message: returned {code}; expected {_OK} or {_NOTHING}')
+        if code not in (OK, NOTHING):
+            raise_error(code)
         return taken
 
     def _take_large(self):
         """Return the message in `_message`, which is larger than the room for a block."""
-        data = ctypes.string_at(int(self._message[_BUFFER]), int(self._message[_LENGTH]))
-        self._message[_LENGTH] = 0
+        data = ctypes.string_at(int(self._message[_BUFFER]), int(self._message[LENGTH]))
+        self._message[LENGTH] = 0
         return np.frombuffer(data, np.uint8)[np.newaxis]

@@ -1,0 +1,56 @@
+"""Actions of `CycleRun`, which the machine performs."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class SendSamples:
+    """Send the encoder samples of the current tick and open the barrier."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Start the cycle; `SendSamples` follows."""
+
+    cycle: int
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Finish:
+    """Report that the last tick of the cycle has run."""
+
+    cycle: int
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Refuse:
+    """Report that the cycle does not start."""
+
+    cycle: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StopSafely:
+    """Brake without the controllers and report the fault; `samples` ticks of the cycle have run."""
+
+    cycle: int
+    samples: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class GoHome:
+    """Set the machine to its home position; `message` answers the reset request."""
+
+    cycle: int
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class RefuseReset:
+    """Answer the reset request with a refusal."""
+
+    message: str

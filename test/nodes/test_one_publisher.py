@@ -1,0 +1,158 @@
+"""Messages are taken from one publisher per topic; the test takes as the lock-step executor does."""
+
+import pytest
+import rclpy
+from std_msgs.msg import UInt32, UInt64
+
+from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.messages.tick_messages import UINT64
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.parts.speakers import Speakers
+from pkm_nodes.runtime.groups import PatientGroup
+from pkm_nodes.runtime.lockstep import LockstepExecutor
+from pkm_nodes.runtime.log_throttle import LogThrottle
+from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode
+from pkm_nodes.runtime.patient_subscription import PatientSubscription
+
+
+class Ear(PkmNode):
+    """Hears numbers on the tick path and, patiently, as a recorder does."""
+
+    def __init__(self):
+        super().__init__('ear')
+        self.hot, self.patient = [], []
+        self.tick = self.on_tick_topic(UInt64, 'numbers', lambda data: self.hot.append(*UINT64.unpack(data)), size=12)
+        self.queue = PatientSubscription(
+            self,
+            UInt64,
+            'numbers',
+            lambda rows: self.patient.extend(rows[:, 4].tolist()),
+            TICK_QOS,
+            PatientGroup(lambda: None),
+        )
+
+
+class Speaker:
+    """A node with a publisher of numbers."""
+
+    def __init__(self, name):
+        self.node = rclpy.create_node(name, namespace='/pkm')
+        self._publisher = self.node.create_publisher(UInt64, 'numbers', TICK_QOS)
+
+    def say(self, *numbers):
+        for number in numbers:
+            self._publisher.publish(UInt64(data=number))
+        assert self._publisher.wait_for_all_acked()
+
+    def wait_for_two_readers(self, graph):
+        graph.spin_until(lambda: self._publisher.get_subscription_count() == 2, 'both subscriptions')
+
+
+@pytest.fixture
+def ear(graph):
+    ear = Ear()
+    yield ear
+    ear.destroy_node()
+
+
+@pytest.fixture
+def executor(graph, ear):
+    executor = LockstepExecutor(context=rclpy.get_default_context())
+    executor.add_node(ear)
+    executor._gather()
+    with executor._held:  # the entities that `spin` holds
+        yield executor
+    executor.shutdown()
+
+
+@pytest.fixture
+def speak(graph, ear):
+    """Return a function that adds a connected speaker."""
+    made = []
+
+    def speak(name):
+        made.append(Speaker(name))
+        made[-1].wait_for_two_readers(graph)
+        return made[-1]
+
+    yield speak
+    for each in made:
+        each.node.destroy_node()
+
+
+def test_second_publisher_is_not_heard_and_is_named(ear, executor, speak):
+    first = speak('first')
+    first.say(1)
+    executor._run_flow()
+    rogue = speak('rogue')
+    rogue.say(7, 8, 9)
+    first.say(2)
+    executor._run_flow()
+    assert ear.hot == ear.patient == [1, 2]
+    assert ear.foreign_messages() == ear.queue.foreign == 3
+    ear.tick.bind()
+    assert ear.tick.publisher.others == ['/pkm/rogue']
+    assert ear.tick.publisher.describe() == '/pkm/numbers has 2 publishers, /pkm/first, /pkm/rogue'
+
+
+def test_successor_is_heard_from_its_first_message(graph, ear, executor, speak):
+    first = speak('first')
+    first.say(1)
+    executor._run_flow()
+    first.node.destroy_node()
+    graph.spin_until(lambda: not graph.node.count_publishers('numbers'), 'the end of the first publisher')
+    ear.tick._look_at = ear.queue._look_at = 0.0  # the looks at the graph are 50 ms apart
+    speak('second').say(2, 3)
+    executor._run_flow()
+    assert ear.hot == ear.patient == [1, 2, 3]
+    assert ear.foreign_messages() == ear.queue.foreign == 0
+
+
+def test_several_unknown_publishers_are_all_heard(ear, executor, speak):
+    """None of them is the first: the machine starts no cycle until all but one have left."""
+    speakers = speak('one'), speak('other')
+    for number, speaker in enumerate(speakers):
+        speaker.say(number)
+    executor._run_flow()
+    assert sorted(ear.hot) == sorted(ear.patient) == [0, 1]
+    assert not ear.tick.bind()
+
+
+def test_event_is_believed_from_the_process_of_its_source(graph):
+    """Another process has another participant in its GIDs; a topic without publishers identifies no process."""
+    speakers, own = Speakers(graph.node), b'x' * 16
+    assert speakers.is_genuine('FINISHED', 'machine', own), 'no machine/cycle in the graph'
+    graph.publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
+    info = graph.node.get_publishers_info_by_topic('machine/cycle')[0]
+    speakers = Speakers(graph.node)
+    of_this_process = bytes(info.endpoint_gid)[:12] + b'1234'
+    assert speakers.is_genuine('FINISHED', 'machine', of_this_process)
+    assert not speakers.is_genuine('FINISHED', 'machine', own)
+    assert not speakers.is_genuine('FINISHED', 'd1', of_this_process)
+    assert speakers.is_genuine('STOP', 'anyone', own)
+    assert [speakers.is_foreign('FINISHED', sender) for sender in (own, of_this_process, b'')] == [True, False, False]
+    assert speakers.is_genuine('FINISHED', 'machine', b''), "rclpy's public API names no sender"
+
+
+def test_unreadable_events_are_dropped_with_one_line(graph, capfd):
+    """Ten thousand of them neither end the node nor fill its log."""
+    graph.start(TrajectoryGeneratorNode)
+    events = graph.publisher(CycleEvent, 'cycle_events')
+    for _ in range(300):
+        events.publish(b'\0\1\0\0\1\2')
+    graph.spin_in_silence()
+    lines = [line for line in capfd.readouterr().err.splitlines() if 'is no CycleEvent' in line]
+    assert 1 <= len(lines) <= 3
+
+
+def test_log_lines_of_a_flood_are_counted(graph, capfd):
+    """One line per topic and second; rclpy would raise for another severity logged by the same line of code."""
+    warn, error = LogThrottle(graph.node.get_logger()), LogThrottle(graph.node.get_logger(), is_error=True)
+    for _ in range(100):
+        warn('a: bad')
+        error('a: worse')
+        warn('b: bad')
+    warn._last['a'] = -1.0, warn._last['a'][1]
+    warn('a: bad')
+    lines = [line.partition('pkm.test]: ')[2] for line in capfd.readouterr().err.splitlines()]
+    assert lines == ['a: bad', 'a: worse', 'b: bad', 'a: bad (and 99 more since the last line)']
