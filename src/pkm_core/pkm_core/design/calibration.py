@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pkm_core.design.specimen import LINKS, OFFSETS, end_point, error_names, sensitivities
+from pkm_core.design.calibration_fit import fit
+from pkm_core.design.geometry import built_geometry, geometry_priors
+from pkm_core.design.specimen import LINKS, OFFSETS, end_point, error_names
 from pkm_core.errors import PkmError
 
 
@@ -20,8 +22,8 @@ def built_machine(machine, errors):
     config = machine.config
     drawn = type(machine).Built.as_drawn(config.geometry)
     marks = drawn.marks.model_copy(update={joint: errors.get(joint, 0.0) for joint in machine.joints})
-    off = {name: value + errors.get(name, 0.0) for name, value in drawn if name != 'marks'}
-    built = drawn.model_copy(update={**off, 'marks': marks})
+    off = {name: value + errors.get(name, 0.0) for name, value in drawn.lengths().items()}
+    built = drawn.model_copy(update={**off, 'marks': marks, 'geometry': built_geometry(machine, errors)})
     return type(machine)(config.model_copy(update={'built': built}), machine.name, machine.configuration)
 
 
@@ -63,9 +65,12 @@ def parameter_priors(machine, tolerances):
     }
 
 
-def calibrate(machine, measurements, tolerances, deviation):
+def calibrate(machine, measurements, tolerances, deviation, geometry='auto'):
     """
     Return the `Calibration` of `machine` from `measurements`, which have the standard `deviation` (m,).
+
+    `geometry` is the set of unknowns: 'lengths' (with offsets and marks), 'full' (with guides, scales and axes of the
+    laser) or 'auto', the one under which the measurements are more probable.
 
     Raises
     ------
@@ -88,42 +93,24 @@ def calibrate(machine, measurements, tolerances, deviation):
     {'l2': 19, 'l4': -11}
 
     """
-    from scipy.optimize import least_squares
-
-    priors = parameter_priors(machine, tolerances)
-    names, prior = tuple(priors), np.array(list(priors.values()))
-    _check(machine, measurements, priors)
-
-    def model(scaled):
-        return dict(zip(names, prior * scaled, strict=True))
-
-    def residuals(scaled):
-        predicted = end_point(machine, measurements.q, model(scaled))
-        return np.concatenate([_weighted(predicted - measurements.displacement, deviation).ravel(), scaled])
-
-    def slope(scaled):
-        S = sensitivities(machine, measurements.q, names, model(scaled))
-        data = _weighted(S, np.asarray(deviation)[:, np.newaxis]).reshape(-1, len(names)) * prior
-        return np.vstack([data, np.eye(len(names))])
-
-    found = least_squares(residuals, np.zeros(len(names)), slope, x_scale=1.0, xtol=1e-12, ftol=1e-12, gtol=1e-10)
-    covariance = np.linalg.inv(found.jac.T @ found.jac)
-    _, singular, directions = np.linalg.svd(slope(np.zeros(len(names)))[: -len(names)], full_matrices=False)
-    poses, coordinates = measurements.displacement.shape
-    errors = {name: float(error) for name, error in model(found.x).items()}
+    lengths = parameter_priors(machine, tolerances)
+    _check(machine, measurements, lengths)
+    fits = []
+    if geometry != 'full':
+        fits.append(fit(machine, measurements, lengths, deviation))
+    if geometry == 'full' or (geometry == 'auto' and tolerances.geometry is not None):
+        everything = lengths | geometry_priors(machine, tolerances)
+        fits.append(fit(machine, measurements, everything, deviation))
+    found = max(fits, key=lambda each: each.log_evidence)
+    _, singular, directions = np.linalg.svd(found.slope_at_drawing, full_matrices=False)
     return Calibration(
-        built_machine(machine, errors),
-        errors,
-        dict(zip(names, (prior * np.sqrt(np.diag(covariance))).tolist(), strict=True)),
-        priors,
-        Identifiability(names, singular, directions),
-        float(np.sqrt(np.sum(found.fun[: -len(names)] ** 2) / ((poses - 1) * coordinates))),
+        built_machine(machine, found.errors),
+        found.errors,
+        found.deviations,
+        found.priors,
+        Identifiability(tuple(found.priors), singular, directions),
+        found.misfit,
     )
-
-
-def _weighted(values, deviation):
-    """Return `values` (N, m, ...) less their mean over the poses (the unknown datum), over `deviation`."""
-    return (values - values.mean(axis=0)) / deviation
 
 
 def _check(machine, measurements, priors):

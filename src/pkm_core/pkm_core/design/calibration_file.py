@@ -3,6 +3,7 @@
 import re
 
 from pkm_core.config import find_config
+from pkm_core.design.geometry import geometry_unit
 
 
 def write_calibrated_machine(path, machine_name, calibration, source):
@@ -18,9 +19,15 @@ def write_calibrated_machine(path, machine_name, calibration, source):
     def line(indent, name, length):
         return f'{indent}{name}: {1e3 * length:.6f} mm  # +- {1e6 * calibration.deviations[name]:.2f} um'
 
-    lines += [line('  ', name, length) for name, length in built if name != 'marks']
+    lines += [line('  ', name, length) for name, length in built.lengths().items()]
     lines.append('  marks:  # encoder reading minus position')
     lines += [line('    ', joint, mark) for joint, mark in built.marks]
+    if built.geometry is not None:
+        lines.append('  geometry:  # guides, scales and laser axes, see pkm_core/machines/real_geometry.py')
+        for name, error in built.geometry:
+            factor, unit = geometry_unit(name)
+            deviation = calibration.deviations[name]
+            lines.append(f'    {name}: {factor * error:.6f} {unit}  # +- {factor * deviation:.2f} {unit}')
     text = find_config('machines', machine_name).read_text(encoding='utf-8')
     text = re.sub(r'(?ms)^built:.*?(?=^\S|\Z)', '', text)  # remove an earlier calibration
     path.write_text(text.rstrip('\n') + '\n\n' + '\n'.join(lines) + '\n', encoding='utf-8')

@@ -42,6 +42,8 @@ class Assembly:
     encoder_offset: np.ndarray
     payload: float
 
+    laser_axes = None  # the laser measures along the axes of the machine; see plant/geometry.py
+
     def end_point(self, q, belts):
         """
         Return the pose (..., m) at true joint positions `q` (..., n) [m], belt rotations `belts` (..., 2 or 0) [rad].

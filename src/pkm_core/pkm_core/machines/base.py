@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from pkm_core.config import Config, Configuration, Inertia, Length, Mass, Speed, Time, Voltage, quantity
 from pkm_core.jet import as_series, value
 from pkm_core.machines.checks import check_between, check_finite, check_last_axis
+from pkm_core.machines.real_geometry import laser_axes
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 NotNegativeLength = Annotated[Length, Field(ge=0)]
@@ -139,6 +140,12 @@ class Machine(ABC):
         if getattr(self.config, 'built', None) is None:
             return self
         return type(self)(self.config.model_copy(update={'built': None}), self.name, self.configuration)
+
+    @property
+    def laser_axes(self) -> Array:
+        """Matrix (m, m) from a displacement of the pose to the laser's reading of it; identity without calibration."""
+        built = getattr(self.config, 'built', None)
+        return laser_axes(self.coordinates, dict(getattr(built, 'geometry', None) or {}))
 
     def with_configuration(self, configuration: Configuration) -> 'Machine':
         """Return the same machine with models, gains, truth and motions of another `Configuration`."""

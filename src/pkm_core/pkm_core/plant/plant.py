@@ -91,7 +91,8 @@ class Plant:
     seed : int
         The same seed gives the same bits of the specimen and of every disturbance.
     environment : str
-        A section of that file: 'ideal', 'nominal', 'hard', 'exact', and for four_dof 'elastic'; see truth.py.
+        A section of that file: 'ideal', 'nominal', 'hard', 'exact', 'geometric', and for four_dof 'elastic'; see
+        truth.py.
 
     """
 
