@@ -33,6 +33,8 @@ class Assembly:
         Reading minus joint position, without noise and rounding [m].
     payload : float
         [kg].
+    laser_axes : ndarray, shape (m, m), optional
+        From a displacement of the end point to the laser's reading of it; None: the laser has the machine's axes.
 
     """
 
@@ -41,8 +43,7 @@ class Assembly:
     lengths: dict
     encoder_offset: np.ndarray
     payload: float
-
-    laser_axes = None  # the laser measures along the axes of the machine; see plant/geometry.py
+    laser_axes: np.ndarray | None = None
 
     def end_point(self, q, belts):
         """

@@ -20,7 +20,7 @@ _LINKS = ('l2', 'l4', 'l8', 'l6', 'k10', 'k12')
 _OFFSETS = ('dy', 'dx', 'dz')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RealAssembly(Assembly):
     """
     An `Assembly` with the errors of this module.
@@ -36,8 +36,6 @@ class RealAssembly(Assembly):
         Lower and upper end of each guide [m].
     turned : ndarray, shape (4,)
         `square`, `pitch`, `roll` [rad] and `height` [m] of the Y guide.
-    laser_axes : ndarray, shape (m, m)
-        From a displacement of the end point to the laser's reading of it.
 
     """
 
@@ -45,7 +43,6 @@ class RealAssembly(Assembly):
     waves: np.ndarray
     travel: np.ndarray
     turned: np.ndarray
-    laser_axes: np.ndarray
 
     def end_point(self, q, belts):
         """Return the pose (..., m); see `Assembly.end_point`."""
@@ -55,7 +52,7 @@ class RealAssembly(Assembly):
         offsets = np.array([getattr(self.offsets, name, 0.0) for name in _OFFSETS])
         turns = np.zeros((*shape, 2))
         turns[..., : belts.shape[-1]] = belts
-        poses = np.empty((*shape, len(self.laser_axes)))
+        poses = np.empty((*shape, 4 if self.mechanism == 'four_dof' else 2))
         _poses(
             _MECHANISMS.index(self.mechanism),
             np.ascontiguousarray(q * (1.0 + self.scale)).reshape(-1, q.shape[-1]),

@@ -18,7 +18,7 @@ def assemble(machine, truth, environment, seed):
         link: drawn_length(geometry, link) + environment.link_error * draw.standard_normal()
         for link in _LINKS[machine.config.mechanism]
     }
-    drawn = (machine.config.mechanism, geometry, lengths, encoder_offset, payload)
+    built = (machine.config.mechanism, geometry, lengths, encoder_offset, payload)
     if environment.geometry is None:
-        return Assembly(*drawn)
-    return RealAssembly(*drawn, **draw_geometry(machine, truth, environment.geometry, draw))
+        return Assembly(*built)
+    return RealAssembly(*built, **draw_geometry(machine, truth, environment.geometry, draw))
