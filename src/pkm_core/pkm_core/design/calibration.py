@@ -19,6 +19,7 @@ from pkm_core.design.units import units
 from pkm_core.errors import PkmError
 
 LARGEST_MISFIT = 1.5  # chosen: 80 residuals of a valid model exceed 1.3 once in a million calibrations
+GEOMETRIES = ('auto', 'lengths', 'full')  # sets of unknowns, see `calibrate`
 _WORST = 3  # poses named in a refusal
 
 
@@ -115,6 +116,8 @@ def calibrate(machine, measurements, tolerances, deviation, largest_misfit=LARGE
 
 def _fits(machine, measurements, tolerances, deviation, geometry):
     """Return the fits of the sets of unknowns that `geometry` allows."""
+    if geometry not in GEOMETRIES:
+        raise PkmError(f'calibration: geometry: {geometry!r} given; allowed: {", ".join(GEOMETRIES)}')
     lengths = parameter_priors(machine, tolerances)
     sets = [] if geometry == 'full' else [lengths]
     if geometry == 'full' or (geometry == 'auto' and tolerances.geometry is not None):

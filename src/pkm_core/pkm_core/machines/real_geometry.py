@@ -23,7 +23,7 @@ from pydantic import Field
 from pkm_core.config import Angle, Config, Length, Number
 from pkm_core.jet import Jet, stack
 
-DEGREES = range(2, 6)  # chosen: wavelengths down to half the guide; degrees 0 and 1 are its position and direction
+DEGREES = range(2, 8)  # chosen: wavelengths down to a third of the guide; 0 and 1 are its position and direction
 GUIDES = {'planar': ('x',), 'four_dof': ('x', 'y')}
 _ROUNDS = 10  # of the inverse; with every deviation at its bound each reduces the error 10-fold or more
 
@@ -31,6 +31,7 @@ _ROUNDS = 10  # of the inverse; with every deviation at its bound each reduces t
 _Scale = Annotated[Number, Field(ge=-1e-4, le=1e-4)]
 _Turn = Annotated[Angle, Field(ge=-5e-4, le=5e-4)]
 _Shift = Annotated[Length, Field(ge=-5e-5, le=5e-5)]
+_Bow = Annotated[Length, Field(ge=-1e-5, le=1e-5)]
 
 
 class PlanarRealGeometry(Config):
@@ -38,10 +39,12 @@ class PlanarRealGeometry(Config):
 
     scale_d1: _Scale = 0.0
     scale_d3: _Scale = 0.0
-    x_side_2: _Shift = 0.0
-    x_side_3: _Shift = 0.0
-    x_side_4: _Shift = 0.0
-    x_side_5: _Shift = 0.0
+    x_side_2: _Bow = 0.0
+    x_side_3: _Bow = 0.0
+    x_side_4: _Bow = 0.0
+    x_side_5: _Bow = 0.0
+    x_side_6: _Bow = 0.0
+    x_side_7: _Bow = 0.0
     laser_xy: _Turn = 0.0
     laser_yx: _Turn = 0.0
 
@@ -51,18 +54,24 @@ class FourDofRealGeometry(PlanarRealGeometry):
 
     scale_d5: _Scale = 0.0
     scale_d7: _Scale = 0.0
-    x_rise_2: _Shift = 0.0
-    x_rise_3: _Shift = 0.0
-    x_rise_4: _Shift = 0.0
-    x_rise_5: _Shift = 0.0
-    y_side_2: _Shift = 0.0
-    y_side_3: _Shift = 0.0
-    y_side_4: _Shift = 0.0
-    y_side_5: _Shift = 0.0
-    y_rise_2: _Shift = 0.0
-    y_rise_3: _Shift = 0.0
-    y_rise_4: _Shift = 0.0
-    y_rise_5: _Shift = 0.0
+    x_rise_2: _Bow = 0.0
+    x_rise_3: _Bow = 0.0
+    x_rise_4: _Bow = 0.0
+    x_rise_5: _Bow = 0.0
+    x_rise_6: _Bow = 0.0
+    x_rise_7: _Bow = 0.0
+    y_side_2: _Bow = 0.0
+    y_side_3: _Bow = 0.0
+    y_side_4: _Bow = 0.0
+    y_side_5: _Bow = 0.0
+    y_side_6: _Bow = 0.0
+    y_side_7: _Bow = 0.0
+    y_rise_2: _Bow = 0.0
+    y_rise_3: _Bow = 0.0
+    y_rise_4: _Bow = 0.0
+    y_rise_5: _Bow = 0.0
+    y_rise_6: _Bow = 0.0
+    y_rise_7: _Bow = 0.0
     square: _Turn = 0.0
     pitch: _Turn = 0.0
     roll: _Turn = 0.0
