@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from pkm_core.design.budget_monte_carlo import study_poses
-from pkm_core.design.calibration import calibrate
+from pkm_core.design.calibration import calibrate, prediction_errors
 from pkm_core.design.calibration_file import write_calibrated_machine
 from pkm_core.design.calibration_fit import fit
 from pkm_core.design.geometry import geometry_names, geometry_priors
 from pkm_core.design.information import parameter_priors
 from pkm_core.design.measurement import Measurements
 from pkm_core.design.tolerances import load_tolerances
+from pkm_core.design.verification import verify
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.plant.specimen import assemble
@@ -89,6 +90,18 @@ def test_laser_axes_are_found_and_carried_by_the_machine():
     found = calibrate(FOUR_DOF, seen, TOLERANCES, deviation)
     off = np.abs(found.machine.laser_axes - specimen.laser_axes)
     assert off.max() < 50e-6 < np.abs(specimen.laser_axes - np.eye(4)).max()
+
+
+def test_verification_compares_along_the_axes_of_the_laser():
+    """Without them, an axis off by 100 urad looks like an error of the calibrated machine of a micrometre."""
+    _, seen, deviation = measured(FOUR_DOF, 'geometric', 3, poses=60)
+    used, held = seen.split()
+    found = calibrate(FOUR_DOF, used, TOLERANCES, deviation).machine
+    verified = verify(FOUR_DOF, found, held, deviation)
+    assert verified.accepted
+    assert (verified.after < 2.0 * deviation).all()
+    along_base = prediction_errors(found.forward, held).std(axis=0)
+    assert (along_base[:3] > 4.0 * verified.after[:3]).any()
 
 
 def test_evidence_is_that_of_a_linear_gaussian_model():

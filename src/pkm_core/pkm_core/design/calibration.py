@@ -153,9 +153,13 @@ def _check(machine, measurements, tolerances, priors):
             raise PkmError(f'tolerances: the deviation of {name} is {deviation:g} m; allowed above 0 for calibration')
 
 
-def prediction_errors(forward, measurements):
-    """Return measured minus predicted displacement (N, m) [m, rad] of `forward`, less the mean over the poses."""
-    difference = measurements.displacement - forward(measurements.q)
+def prediction_errors(predict, measurements):
+    """
+    Return measured minus predicted displacement (N, m) [m, rad], less the mean over the poses.
+
+    `predict` maps readings (N, n) to poses (N, m), e.g. `Machine.read_by_laser`.
+    """
+    difference = measurements.displacement - predict(measurements.q)
     return difference - difference.mean(axis=0)
 
 

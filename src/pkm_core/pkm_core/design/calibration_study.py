@@ -46,7 +46,7 @@ def study_calibration(machine, measurements, tolerances, laser):
     used, held = measurements.split()
     noise = laser.deviation(machine, used.q)
     found = calibrate(machine, used, tolerances, noise)
-    before, after = (prediction_errors(forward, held) for forward in (machine.forward, found.machine.forward))
+    before, after = (prediction_errors(each.read_by_laser, held) for each in (machine, found.machine))
     return CalibrationStudy(found, used, held, noise, before, after)
 
 

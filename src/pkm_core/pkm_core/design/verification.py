@@ -60,7 +60,9 @@ def verify(machine_before, calibrated, measurements_held, deviation):
     """
     if len(measurements_held.q) < FEWEST_HELD:
         raise PkmError(f'verification: {len(measurements_held.q)} poses; allowed from {FEWEST_HELD}')
-    before, after = (prediction_errors(machine.forward, measurements_held) for machine in (machine_before, calibrated))
+    before, after = (
+        prediction_errors(machine.read_by_laser, measurements_held) for machine in (machine_before, calibrated)
+    )
     return Verification(
         machine_before.coordinates,
         len(before),

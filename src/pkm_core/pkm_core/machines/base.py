@@ -164,8 +164,16 @@ class Machine(ABC):
     @property
     def laser_axes(self) -> Array:
         """Matrix (m, m) from a displacement of the pose to the laser's reading of it; identity without calibration."""
-        built = getattr(self.config, 'built', None)
-        return laser_axes(self.coordinates, dict(getattr(built, 'geometry', None) or {}))
+        return laser_axes(self.coordinates, dict(self._geometry or {}))
+
+    def read_by_laser(self, q: ArrayLike) -> Array:
+        """Return `forward` at `q` (..., n) along the calibrated axes of the laser, (..., m); `forward` without them."""
+        pose = self.forward(q)
+        return pose if self._geometry is None else pose @ self.laser_axes.T
+
+    @property
+    def _geometry(self):
+        return getattr(getattr(self.config, 'built', None), 'geometry', None)
 
     def with_configuration(self, configuration: Configuration) -> 'Machine':
         """Return the same machine with models, gains, truth and motions of another `Configuration`."""

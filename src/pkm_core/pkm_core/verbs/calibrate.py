@@ -116,7 +116,7 @@ def _write(out, machine_name, machine, study, simulated, source):
     draw_calibration(out, study, simulated.errors if simulated else None)
     if simulated:
         write_measurements(out / 'measurements.csv', machine, simulated.measurements)
-    return {'calibrated machine file': _rms(prediction_errors(load_machine(path).forward, study.held))}
+    return {'calibrated machine file': _rms(prediction_errors(load_machine(path).read_by_laser, study.held))}
 
 
 def _figures(machine, study, simulated, source, rows):
