@@ -131,6 +131,7 @@ def cell_nodes(
     on_machine = {'machine': str(machine)}
     on_control = {**on_machine, 'control': str(control)}
     with_laws = {**on_control, **({'plugins': plugins} if plugins else {})}  # ROS refuses an empty value
+    calibrated = str(Path(folder).parent / 'calibrated')
     learned = str(learned or Path(folder).parent / 'learned')
     nodes = [
         NodeSpec(
@@ -139,7 +140,12 @@ def cell_nodes(
             {**on_machine, 'seed': seed, 'environment': environment, 'wait_for_recorder': record},
             tuple(f'{joint}/encoder' for joint in joints),
         ),
-        NodeSpec('trajectory_generator', 'trajectory_generator', with_laws, ('pose_trajectory',)),
+        NodeSpec(
+            'trajectory_generator',
+            'trajectory_generator',
+            {**with_laws, 'calibrated': calibrated},
+            ('pose_trajectory',),
+        ),
         NodeSpec('inverse_kinematics', 'inverse_kinematics', on_machine, ('joint_trajectory',)),
         *controller_nodes(machine, control),
         NodeSpec('state_estimator', 'state_estimator', on_machine, ('pose', 'joint_states')),

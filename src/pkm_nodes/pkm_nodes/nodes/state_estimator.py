@@ -15,14 +15,15 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from pkm_core.errors import PkmError
-from pkm_core.machines import load_machine
 from pkm_core.machines.description import ROOT, joint_positions
+from pkm_core.machines.geometry import load_geometry
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.messages.conversions import nanoseconds_of_tick
 from pkm_nodes.messages.markers import LinkMarkers
 from pkm_nodes.messages.template import DOUBLE, POSE, STAMP, Template
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE
+from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] period of the markers, 20 Hz of simulated time: they cost most and are for display only
@@ -36,13 +37,12 @@ class StateEstimatorNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('state_estimator', **kwargs)
-        self._machine = load_machine(self.machine_setting())
+        geometry = load_geometry(self.machine_setting())
         self.check_settings()
-        joints = self._machine.joints
-        self._previous = None  # tick, joints and pose of the last published state
+        self._geometry = NodeGeometry(self, geometry, self._take_geometry)
         self._tick = -1  # of the last state
         self._gathered = {}  # position by joint, by tick: samples of one joint may lag
-        self._markers = LinkMarkers(self._machine)
+        self._take_geometry()
         self._pose_publisher = self.create_publisher(PoseStamped, 'pose', CYCLE_QOS)
         self._twist_publisher = self.create_publisher(TwistStamped, 'twist', CYCLE_QOS)
         self._joints_publisher = self.create_publisher(JointState, 'joint_states', CYCLE_QOS)
@@ -52,8 +52,13 @@ class StateEstimatorNode(PkmNode):
         self._twist = Template(TwistStamped(header=header, twist=Twist(linear=speed, angular=Vector3(z=DOUBLE))))
         self._joint_states = {}  # templates by the names of joints and the number of velocities
         self._markers_publisher = self.create_publisher(MarkerArray, 'markers', CYCLE_QOS)
-        for i, joint in enumerate(joints):
+        for i, joint in enumerate(self._machine.joints):
             self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, i), size=ENCODER_SAMPLE.size)
+
+    def _take_geometry(self):
+        self._machine = self._geometry.machine
+        self._previous = None  # tick, joints and pose of the last published state
+        self._markers = LinkMarkers(self._machine)
 
     def _on_sample(self, joint, data):
         tick, _, _, _, _, position = ENCODER_SAMPLE.unpack(data)
