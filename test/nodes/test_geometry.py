@@ -22,6 +22,7 @@ from pkm_nodes.runtime.node import LAST_VALUE_QOS
 DRAWN = load_geometry('planar')
 BUILT = """
 built:
+  specimen: {machine: planar, origin: simulated, seed: 1, environment: nominal}
   l2: 70.013 mm
   l4: 69.991 mm
   dy: 10.004 mm

@@ -10,6 +10,7 @@ from pkm_core.recording.provenance import machine_hash
 DRAWN, STAGE = load_geometry('planar'), load_geometry('xy_stage')
 BUILT = """
 built:
+  specimen: {machine: planar, origin: simulated, seed: 1, environment: nominal}
   l2: 70.013 mm
   l4: 69.991 mm
   dy: 10.004 mm
@@ -49,6 +50,7 @@ def test_digest_follows_numbers_and_not_comments():
         (replaced('70.013 mm', '72 mm'), 'built.l2 72 mm; allowed 69 to 71 mm'),
         (replaced('70.013 mm', '.nan mm'), 'built.l2: '),
         (replaced('70.013 mm', '70.013'), 'built.l2: 70.013 has no unit'),
+        (replaced('{machine: planar,', '{machine: four_dof,'), 'lengths of four_dof, seed 1, environment nominal'),
     ],
 )
 def test_file_of_another_machine_is_refused(text, reason):

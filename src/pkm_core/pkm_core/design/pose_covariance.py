@@ -1,14 +1,15 @@
 """
 Covariance of a pose computed by forward kinematics from encoder readings.
 
-C(q) = D S D' + J R J', D = d(x(q) - x(home)) / d(lengths and marks), S their covariance, J the Jacobian, R the rounding
-of the encoders. It is that of the pose relative to the pose at home, where the laser has its datum: a common shift of
-all poses is not seen by a calibration. Without a calibration S is that of the manufacturing tolerances.
+C(q) = D S D' + J R J', D = d(x(q) - x(home)) / d(lengths and marks), S their covariance, J the Jacobian, R rounding and
+error of the encoders. It is that of the pose relative to the pose at home, where the laser has its datum: a calibration
+does not see a common shift of all poses. Without a calibration S is that of the manufacturing tolerances.
 """
 
 import numpy as np
 
-from pkm_core.design.calibration import parameter_priors
+from pkm_core.design.information import parameter_priors
+from pkm_core.design.measurement import load_laser
 from pkm_core.design.specimen import LINKS, end_point
 from pkm_core.design.tolerances import load_tolerances
 from pkm_core.machines.uncertainty import Uncertainty
@@ -52,7 +53,7 @@ class PoseCovariance:
         self._names, self._lengths = (), np.zeros((0, 0))
         if known is not None:
             self._names, self._lengths = tuple(known.deviations), known.covariance
-        self._reading = machine.encoder_resolution**2 / 12.0  # [m^2]
+        self._reading = machine.encoder_resolution**2 / 12.0 + load_laser().encoder_error ** 2  # [m^2]
         self._at_home = self._sensitivities(machine.home)
         self._last = None  # q of the last covariance
         self._covariance = np.zeros((0, 0))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pkm_core.config import find_config, parse_config
 from pkm_core.errors import ConfigError
-from pkm_core.machines import load_machine
+from pkm_core.machines import load_machine, require_specimen
 from pkm_core.machines.base import Machine
 from pkm_core.yaml_text import YamlError, parse_yaml
 
@@ -61,7 +61,9 @@ class Geometry:
                     f'{file}: {key} differs from that of {present.name} in this cell; allowed: a file that differs in '
                     f'the section built only'
                 )
-        return Geometry(type(present)(config, present.name, present.configuration), str(file), text)
+        machine = type(present)(config, present.name, present.configuration)
+        require_specimen(file, machine)
+        return Geometry(machine, str(file), text)
 
 
 def load_geometry(name_or_path, configuration=None):
