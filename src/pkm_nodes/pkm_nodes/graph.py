@@ -117,7 +117,7 @@ def cell_nodes(
     seed, environment : int, str
         Of the simulated machine.
     folder : str or Path
-        Gets the recorder's bags; models and figures go into the folder `identified` beside it.
+        Gets the recorder's bags; models and calibrated machines go into `identified` and `calibrated` beside it.
     record : bool
         Whether there is a recorder; without one the machine does not wait for it.
     without : iterable of str
@@ -151,6 +151,7 @@ def cell_nodes(
         NodeSpec('state_estimator', 'state_estimator', on_machine, ('pose', 'joint_states')),
         NodeSpec('learning', 'learning', {**with_laws, 'folder': learned}, ('learning/update',)),
         NodeSpec('identification', 'identification', {**on_control, 'folder': str(Path(folder).parent / 'identified')}),
+        NodeSpec('calibration', 'calibration', {**on_machine, 'folder': calibrated}),
     ]
     if record:
         nodes.append(NodeSpec('recorder', 'recorder', {**on_control, 'folder': str(folder)}, ('recorder/tick',)))

@@ -70,7 +70,12 @@ def plan_cycles(machine, request):
     `PkmError` if the poses are too few or cannot be visited.
     """
     chosen = plan_poses(machine, request.poses, request.seed, load_tolerances(), load_laser())
-    return cycles_of(machine, np.vstack([chosen, verification_poses(machine, request)]), request)
+    return _cycles(machine, np.vstack([chosen, verification_poses(machine, request)]), request)
+
+
+def check_cycles(machine, request):
+    """Return the poses of each cycle that visits those of the verification again, as `plan_cycles` does."""
+    return _cycles(machine, verification_poses(machine, request), request)
 
 
 def verification_poses(machine, request):
@@ -78,8 +83,7 @@ def verification_poses(machine, request):
     return spread_poses(machine, request.verification, request.seed + 1)
 
 
-def cycles_of(machine, poses, request):
-    """Return `poses` (N, m) [m, rad] divided into the cycles that visit them."""
+def _cycles(machine, poses, request):
     times = {'move_time': MOVE_TIME, 'rest': request.rest, 'averaged': request.averaging}
     return [cycle.poses for cycle in calibration_motion(machine, poses, **times)]
 
@@ -122,6 +126,7 @@ def fit_bags(machine, machine_name, bags, namespace, request, file):
     namespace : str
         Of the cell.
     request : Request
+        Numbers of poses, and the average.
     file : Path
         Gets the calibrated machine; measurements and a figure are written beside it.
 

@@ -7,7 +7,6 @@ disturbed. Cancelling brakes the machine at once.
 """
 
 from array import array
-from contextlib import ExitStack
 from datetime import datetime
 from math import nan
 from pathlib import Path
@@ -21,11 +20,11 @@ from pkm_core.identification import IdentificationError
 from pkm_core.identification.fits import fit_bags, typical_coherence, write_results
 from pkm_core.identification.plan import Request, plan
 from pkm_core.machines import load_machine
-from pkm_core.parallel import search_executor
 from pkm_interfaces.action import ExecuteMotion, Identify
 from pkm_interfaces.msg import Excitation, SampledTrajectory
 from pkm_nodes.messages.conversions import experiments_from_msg, fit_to_msg, trajectory_to_msg
 from pkm_nodes.parts.cell_cycles import CellCycles
+from pkm_nodes.parts.worker import Worker
 from pkm_nodes.runtime.node import PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
 
@@ -43,8 +42,7 @@ class IdentificationNode(PkmNode):
         self._goal = None  # the handle of the running goal
         self._slow_moves = {}  # bags of the last ones by joint, for a goal of kind SWEEP
         self._cycles = CellCycles(self, IdentificationError)
-        self._workers = ExitStack()
-        self._pool = None
+        self._worker = Worker()
         self._server = ActionServer(self, Identify, 'identify', self._execute, cancel_callback=self._on_cancel)
 
     async def _execute(self, goal_handle):
@@ -114,7 +112,7 @@ class IdentificationNode(PkmNode):
             if request.moves:
                 self._slow_moves[joint] = bags[0]
             given = (self.get_namespace(), models, gains, request.sweep().band, folder)
-            fits[joint] = self._submit(fit_bags, self._name, joint, bags, *given)
+            fits[joint] = self._worker.submit(fit_bags, self._name, joint, bags, *given)
         for joint, fit in fits.items():
             await self._cycles.until(fit.done)
             found[joint], warnings = fit.result()
@@ -124,7 +122,9 @@ class IdentificationNode(PkmNode):
             feedback = self._feedback(phase=Identify.Feedback.FITTING, joint=joint)
             feedback.progress, feedback.coherence = done / steps, coherence
             goal_handle.publish_feedback(feedback)
-        written = self._submit(write_results, folder, self._name, found, models, f'action identify of {machine.name}')
+        written = self._worker.submit(
+            write_results, folder, self._name, found, models, f'action identify of {machine.name}'
+        )
         await self._cycles.until(written.done)
         result.model_file = str(written.result() or '')
 
@@ -154,12 +154,6 @@ class IdentificationNode(PkmNode):
         )
         return await self._cycles.run(goal, experiment.name)
 
-    def _submit(self, work, *arguments):
-        """Return the concurrent future of `work` in the process for fits."""
-        if self._pool is None:
-            self._pool = self._workers.enter_context(search_executor(1, ''))
-        return self._pool.submit(work, *arguments)
-
     def _on_cancel(self, _):
         self._cycles.stop('identification was cancelled')
         return CancelResponse.ACCEPT
@@ -168,7 +162,7 @@ class IdentificationNode(PkmNode):
         """Destroy the actions and end the process for fits; `Node.destroy_node` does neither."""
         self._server.destroy()
         self._cycles.destroy()
-        self._workers.close()
+        self._worker.close()
         super().destroy_node()
 
 

@@ -28,13 +28,19 @@ class CellCycles:
     error : type
         Class of the errors raised, a `PkmError`.
 
+    Attributes
+    ----------
+    first_tick : int or None
+        Of the running cycle, None between cycles.
+
     """
 
     def __init__(self, node, error=PkmError):
         self._node, self._error = node, error
+        self.first_tick = None
         self._active = False
         self._cycle = 0  # started last
-        self._bags = {}  # path or reason of the recorder, by cycle
+        self._bags = {}  # path by cycle
         self._stop = ''  # reason to brake the next cycle at once
         self._waiting = Waiting(node)
         self._events = CycleEvents(node, node.get_name())
@@ -103,9 +109,11 @@ class CellCycles:
         if not self._active:
             return
         if event.event == CycleEvent.STARTED:
-            self._cycle = event.cycle
+            self._cycle, self.first_tick = event.cycle, event.tick
             if self._stop:
                 self.stop(self._stop)
+        elif event.event in (CycleEvent.FINISHED, CycleEvent.FAULT):
+            self.first_tick = None
         elif event.event == CycleEvent.RECORDED:
             self._bags[event.cycle] = Path(event.bag)
 
