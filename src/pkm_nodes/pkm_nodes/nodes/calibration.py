@@ -127,11 +127,14 @@ class CalibrationNode(PkmNode):
         await self._cycles.require(needed)
 
     async def _computed(self, work, *arguments):
-        """Return ``work(*arguments)``, computed by the worker."""
+        """Return ``work(*arguments)``, computed by the worker; every failure is a `PkmError`."""
         done = self._worker.submit(work, *arguments)
         await self._cycles.until(done.done)
         self._refuse_cancelled()
-        return done.result()
+        failure = done.exception()
+        if failure is None or isinstance(failure, PkmError):
+            return done.result()
+        raise PkmError(f'{work.__name__}: {type(failure).__name__}: {failure}')
 
     async def _visited(self, cycles, request, result):
         """Visit the poses (k, m) of each of `cycles` and return their bags."""
