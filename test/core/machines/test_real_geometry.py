@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
-from pkm_core.config import Configuration
+from pkm_core.config import Config, Configuration, parse_config
 from pkm_core.design.calibration import built_machine
 from pkm_core.errors import ConfigError, WorkspaceError
 from pkm_core.jet import Jet
 from pkm_core.machines import load_machine
 from pkm_core.machines.real_geometry import MODELS
+from pkm_core.machines.uncertainty import Uncertainty
 
 DRAWN = {name: load_machine(name) for name in ('four_dof', 'planar')}
 both = pytest.mark.parametrize('name', DRAWN)
@@ -148,3 +149,25 @@ def test_wrong_geometry_of_a_file_is_refused_by_key(key, value, message, tmp_pat
     path.write_text(yaml.safe_dump(data))
     with pytest.raises(ConfigError, match=message):
         load_machine(path)
+
+
+@pytest.mark.parametrize(
+    ('deviations', 'message'),
+    [
+        ({'l2': '1 um', 'square': '1 um'}, r'uncertainty\.deviations: square: .* dimension'),
+        ({'l2': '1 ppm', 'scale_d1': '1 ppm'}, r'uncertainty\.deviations: l2: .* dimension'),
+        ({'l2': 1, 'scale_d1': '1 ppm'}, r'uncertainty\.deviations: l2: .* no unit'),
+    ],
+)
+def test_uncertainty_in_another_unit_is_refused_by_name(deviations, message):
+    given = {'deviations': deviations, 'correlations': [[0.1]]}
+    with pytest.raises(ConfigError, match=message):
+        parse_config({'uncertainty': given}, _OnlyUncertainty, where='a test')
+    right = {'deviations': {'l2': '1 um', 'scale_d1': '2 ppm', 'laser_xy': '3 urad'}, 'correlations': [[0.1], [0, 0]]}
+    assert list(parse_config(right, Uncertainty, where='a test').deviations.values()) == pytest.approx(
+        [1e-6, 2e-6, 3e-6]
+    )
+
+
+class _OnlyUncertainty(Config):
+    uncertainty: Uncertainty

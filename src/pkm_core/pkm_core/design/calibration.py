@@ -17,20 +17,21 @@ from pkm_core.design.information import check_directions, fewest_poses, paramete
 from pkm_core.design.specimen import end_point
 from pkm_core.design.units import units
 from pkm_core.errors import PkmError
+from pkm_core.machines.uncertainty import Uncertainty
 
 LARGEST_MISFIT = 1.5  # chosen: 80 residuals of a valid model exceed 1.3 once in a million calibrations
 GEOMETRIES = ('auto', 'lengths', 'full')  # sets of unknowns, see `calibrate`
 _WORST = 3  # poses named in a refusal
 
 
-def built_machine(machine, errors, specimen=None):
+def built_machine(machine, errors, specimen=None, uncertainty=None):
     """Return `machine` with a section `built`: lengths and marks of the drawing plus `errors` [m], of `specimen`."""
     config = machine.config
     drawn = type(machine).Built.as_drawn(config.geometry)
     marks = drawn.marks.model_copy(update={joint: errors.get(joint, 0.0) for joint in machine.joints})
     off = {name: value + errors.get(name, 0.0) for name, value in drawn.lengths().items()}
-    sections = {'marks': marks, 'specimen': specimen, 'geometry': built_geometry(machine, errors)}
-    built = drawn.model_copy(update={**off, **sections})
+    sections = {'specimen': specimen, 'uncertainty': uncertainty, 'geometry': built_geometry(machine, errors)}
+    built = drawn.model_copy(update={**off, 'marks': marks, **sections})
     return type(machine)(config.model_copy(update={'built': built}), machine.name, machine.configuration)
 
 
@@ -105,7 +106,9 @@ def calibrate(machine, measurements, tolerances, deviation, largest_misfit=LARGE
         )
     _, singular, directions = np.linalg.svd(found.slope_at_drawing, full_matrices=False)
     return Calibration(
-        built_machine(machine, found.errors, measurements.specimen),
+        built_machine(
+            machine, found.errors, measurements.specimen, Uncertainty.of(tuple(found.priors), found.covariance)
+        ),
         found.errors,
         found.deviations,
         found.priors,

@@ -3,8 +3,8 @@
 import re
 
 from pkm_core.config import find_config
-from pkm_core.design.geometry import geometry_unit
 from pkm_core.machines.identity import Specimen
+from pkm_core.machines.real_geometry import printed_unit
 
 
 def write_calibrated_machine(path, machine_name, calibration, source, configuration=None):
@@ -32,9 +32,11 @@ def write_calibrated_machine(path, machine_name, calibration, source, configurat
     if built.geometry is not None:
         lines.append('  geometry:  # guides, scales and laser axes, see pkm_core/machines/real_geometry.py')
         for name, error in built.geometry:
-            factor, unit = geometry_unit(name)
+            factor, unit = printed_unit(name)
             deviation = calibration.deviations[name]
             lines.append(f'    {name}: {factor * error:.6f} {unit}  # +- {factor * deviation:.2f} {unit}')
+    if built.uncertainty is not None:
+        lines += built.uncertainty.lines('  ')
     text = find_config('machines', machine_name, configuration).read_text(encoding='utf-8')
     text = re.sub(r'(?ms)^built:.*?(?=^\S|\Z)', '', text)  # remove an earlier calibration
     path.write_text(text.rstrip('\n') + '\n\n' + '\n'.join(lines) + '\n', encoding='utf-8')

@@ -51,11 +51,16 @@ class Fit:
     def _information(self):
         return self.slope.T @ self.slope + np.eye(len(self.scaled))
 
+    @cached_property
+    def covariance(self):
+        """Covariance (p, p) of the estimates [m^2, ...]."""
+        prior = np.array(list(self.priors.values()))
+        return np.linalg.inv(self._information) * np.outer(prior, prior)
+
     @property
     def deviations(self):
         """{name: standard deviation of the estimate} [m, rad, m/m]."""
-        deviations = np.sqrt(np.diag(np.linalg.inv(self._information)))
-        return dict(zip(self.priors, (np.array(list(self.priors.values())) * deviations).tolist(), strict=True))
+        return dict(zip(self.priors, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property
     def misfit(self):

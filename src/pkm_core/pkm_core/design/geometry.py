@@ -40,12 +40,6 @@ def geometry_priors(machine, tolerances):
     return {name: factor * spread.deviation for name, (spread, factor) in found.items()}
 
 
-def geometry_unit(name):
-    """Return (factor from SI, unit) in which the error `name` is printed."""
-    kind = name.split('_')[0]
-    return 1e6, 'ppm' if kind == 'scale' else 'um' if kind in ('x', 'y', 'height') else 'urad'
-
-
 def read_by_laser(machine, pose, errors):
     """Return `pose` (..., m) along the axes of a laser with the `errors` named laser_xy ...; unchanged without them."""
     named = {name: error for name, error in errors.items() if name.startswith('laser_')}

@@ -12,12 +12,15 @@ from pkm_core.config import Config, Length
 from pkm_core.machines.base import PositiveLength
 from pkm_core.machines.identity import Specimen
 from pkm_core.machines.real_geometry import FourDofRealGeometry, PlanarRealGeometry
+from pkm_core.machines.uncertainty import Uncertainty
 
+_SECTIONS = ('specimen', 'uncertainty', 'marks', 'geometry')  # every other key is a length
 _FARTHEST = 1e-3  # m; chosen: a larger deviation is an error in the file, not of the machine
 
 
 class _Built(Config):
     specimen: Specimen | None = None  # of the measured machine; a file must name it, see `load_machine`
+    uncertainty: Uncertainty | None = None  # of lengths, marks and geometry
     if TYPE_CHECKING:  # each mechanism has its own
         marks: Any
         geometry: Any
@@ -25,7 +28,7 @@ class _Built(Config):
     @classmethod
     def names(cls):
         """Return the names of the lengths."""
-        return tuple(name for name in cls.model_fields if name not in ('specimen', 'marks', 'geometry'))
+        return tuple(name for name in cls.model_fields if name not in _SECTIONS)
 
     def lengths(self):
         """Return {name: length} [m] without the marks."""

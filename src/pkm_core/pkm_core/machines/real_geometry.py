@@ -85,6 +85,17 @@ class FourDofRealGeometry(PlanarRealGeometry):
 MODELS: dict[str, type[Config]] = {'planar': PlanarRealGeometry, 'four_dof': FourDofRealGeometry}
 
 
+def si_unit(name):
+    """Return the SI unit of the error `name`, one of this module, or a length or mark; '' for a pure number."""
+    kind = name.split('_')[0]
+    return '' if kind == 'scale' else 'rad' if kind in ('square', 'pitch', 'roll', 'laser') else 'm'
+
+
+def printed_unit(name):
+    """Return (factor from SI, unit) in which the error `name` is printed."""
+    return 1e6, {'': 'ppm', 'rad': 'urad', 'm': 'um'}[si_unit(name)]
+
+
 def guide_ends(limits, pairs=((0, 1), (3, 2))):
     """Return [(lower, upper)] [m] of the travel along each guide; `pairs` has its lower and its higher slider."""
     return [(limits.lower[low], limits.upper[high]) for low, high in pairs if high < len(limits.lower)]
