@@ -126,8 +126,17 @@ def cell_nodes(
         Comma-separated folders whose Python files may be learning laws.
     learned : str or Path
         Folder in which learned feedforward may be saved, by default `learned` beside `folder`.
+
+    Raises
+    ------
+    ConfigError
+        If the machine is calibrated and of another specimen than the simulated machine of the cell.
+
     """
-    joints = load_machine(machine).joints
+    loaded = load_machine(machine)
+    joints = loaded.joints
+    if 'machine' not in without:
+        loaded.check_specimen(seed, environment)
     on_machine = {'machine': str(machine)}
     on_control = {**on_machine, 'control': str(control)}
     with_laws = {**on_control, **({'plugins': plugins} if plugins else {})}  # ROS refuses an empty value

@@ -13,24 +13,23 @@ def test_real_geometry_meets_its_targets_for_one_specimen():
     rows = list(geometry_rows('planar', 'planar', [figures]))
     assert [met for *_, met in rows] == [True] * 3
     assert 'calibrated with 20, 1 specimens' in rows[0][0]
-    assert '1 of 1 refused, misfit' in rows[2][2]
+    assert '2 of 2 refused, misfit' in rows[2][2]
     assert 'pose' in rows[2][2]  # the pattern of the residuals
-    assert (figures['drawing'] > 5.0 * figures[COUNTS[0]]['rms']).all()
+    assert (figures[COUNTS[0]]['before'] > 5.0 * figures[COUNTS[0]]['after']).all()
     assert len(geometry_tasks('planar', 5)) == 50
 
 
 def test_rows_of_real_geometry_show_what_is_not_met():
-    good = {'rms': np.array([0.1e-6, 0.1e-6]), 'largest': np.array([0.3e-6, 0.3e-6]), 'misfit': 1.0}
-    bad = {**good, 'rms': np.array([0.1e-6, 0.5e-6])}
-    figures = {'drawing': np.ones(2), 'lengths': '', 20: bad, 60: {'refused': 'calibration: misfit 1.6'}}
-    results = [figures, {**figures, 20: bad, 60: good}]
+    good = {'before': np.ones(2), 'after': np.array([0.1e-6, 0.1e-6]), 'lengths': 'misfit 9.5 of the noise'}
+    bad = {'before': np.ones(2), 'after': np.array([0.1e-6, 0.5e-6]), 'lengths': ''}
+    results = [{20: bad, 60: {'refused': 'calibration: misfit 1.6'}}, {20: bad, 60: good}]
     twenty, sixty, lengths = geometry_rows('planar', 'planar', results)
     assert not twenty[3]
     assert 'y 0.50 (0.50) um, 0 refused' in twenty[2]
     assert not sixty[3]
     assert 'x 0.10 (0.10), y 0.10 (0.10) um, 1 refused' in sixty[2]
     assert not lengths[3]
-    assert lengths[2].startswith('0 of 2 refused')
+    assert lengths[2].startswith('1 of 3 refused, misfit 9.5 to 9.5')
 
 
 @pytest.mark.parametrize('environment', ['nominal', 'geometric'])

@@ -8,15 +8,13 @@ the plant judges both. Errors are less their mean over the poses, which is a shi
 import numpy as np
 
 from pkm_core.design.budget import deviation_from_datum, linear_budget, sources
-from pkm_core.design.calibration import calibrate
 from pkm_core.design.measurement import load_laser
 from pkm_core.design.pose_plan import plan_poses, spread_poses
 from pkm_core.design.specimen import sensitivities
 from pkm_core.design.tolerances import Tolerances
+from pkm_core.experiments.simulated_calibration import simulate_calibration
 from pkm_core.machines import load_machine
 from pkm_core.plant.truth import load_truth
-from pkm_core.simulation.calibration import measure_poses
-from pkm_core.simulation.true_rests import true_rests
 
 POSES, OTHERS = 20, 50  # of the calibration, and of the judge
 _BUILT = ('link lengths', 'encoder offsets')  # sources that every specimen has; its offsets are those of the drawing
@@ -40,17 +38,22 @@ def specimen_figures(machine_name, tolerances, environment, seed):
     """
     machine, laser, tolerances = load_machine(machine_name).drawing, load_laser(), Tolerances(**tolerances)
     plan = plan_poses(machine, POSES, _PLAN_SEED, tolerances, laser)
-    seen = measure_poses(machine, plan, laser, seed, environment)
-    found = calibrate(machine, seen, tolerances, seen.deviation).machine
-    wanted = spread_poses(machine, OTHERS, _OTHER_SEED)
-    q = found.inverse(wanted)
-    resting = np.mean((seen.q - machine.inverse(plan)) ** 2, axis=0)
+    done = simulate_calibration(machine, seed, environment, plan, others=OTHERS, tolerances=tolerances, laser=laser)
+    found = done.calibration.machine
+    q = found.inverse(_others(machine))
+    resting = np.mean((done.measurements.q - machine.inverse(plan)) ** 2, axis=0)
     axes = np.mean(found.jacobian(q) ** 2, axis=0) @ (resting + laser.encoder_error**2)
-    figures = {'covariance': _of_covariance(found, q), 'axes': np.sqrt(axes)}
-    for name, sent in (('drawing', machine), ('calibrated', found)):
-        reached = true_rests(sent, wanted, seed, environment) - wanted
-        figures[name] = np.sqrt(np.mean((reached - reached.mean(axis=0)) ** 2, axis=0))
-    return figures
+    return {
+        'covariance': _of_covariance(found, q),
+        'axes': np.sqrt(axes),
+        'drawing': _mean_square(done.before),
+        'calibrated': _mean_square(done.after),
+    }
+
+
+def _others(machine):
+    """Return poses (OTHERS, m) like those of the judge."""
+    return spread_poses(machine, OTHERS, _OTHER_SEED)
 
 
 def _of_covariance(machine, q):
@@ -69,7 +72,7 @@ def measured_rows(machine_name, tolerances, environment, results):
     sources and the shift of the datum, as `pkm budget` prints.
     """
     machine = load_machine(machine_name).drawing
-    q = machine.inverse(spread_poses(machine, OTHERS, _OTHER_SEED))
+    q = machine.inverse(_others(machine))
     geometry = load_truth(machine, environment)[1].geometry is not None
     groups = _BUILT + (_GEOMETRY if geometry else ())
     built = [source for source in sources(machine, tolerances, q, geometry) if source.group in groups]
