@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from pkm_core.machines.assembly import Assembly
+from pkm_core.machines.real_geometry import DEGREES
 
 WAVES = 3  # harmonics of the travel
 _GUIDES = {'planar': ('x',), 'four_dof': ('x', 'y'), 'xy_stage': ('x', 'y')}
@@ -65,6 +66,29 @@ class RealAssembly(Assembly):
             poses.reshape(-1, poses.shape[-1]),
         )
         return poses
+
+    def geometry_errors(self, joints):
+        """
+        Return {name: error} [m, rad, m/m]; see `Assembly.geometry_errors`.
+
+        The coefficients of a guide are those of its projection on the polynomials; the rest has no name.
+        """
+        errors = {f'scale_{joint}': float(scale) for joint, scale in zip(joints, self.scale, strict=True)}
+        guides, directions = _GUIDES[self.mechanism], ('side',)
+        if self.mechanism == 'four_dof':
+            directions = ('side', 'rise')
+            errors |= dict(zip(('square', 'pitch', 'roll', 'height'), self.turned.tolist(), strict=True))
+        u, weights = np.polynomial.legendre.leggauss(32)
+        for i, guide in enumerate(guides):
+            for j, direction in enumerate(directions):
+                s = self.travel[i, 0] + 0.5 * (u + 1.0) * (self.travel[i, 1] - self.travel[i, 0])
+                deviations = np.array([_deviation(self.waves[i, j], self.travel[i], slider) for slider in s])
+                for k in DEGREES:
+                    P = np.polynomial.legendre.Legendre.basis(k)(u)
+                    errors[f'{guide}_{direction}_{k}'] = float((k + 0.5) * np.sum(weights * deviations * P))
+        axes = np.asarray(self.laser_axes)
+        pairs = [(i, j) for i in range(3) for j in range(3) if i != j and max(i, j) < len(axes)]
+        return errors | {f'laser_{"xyz"[i]}{"xyz"[j]}': float(axes[i, j]) for i, j in pairs}
 
 
 def draw_geometry(machine, truth, levels, draw):

@@ -19,13 +19,18 @@ EVERY = 10  # [ticks] of the truth that are averaged; chosen: 20 of each rest
 
 
 def true_errors(machine, seed, environment='nominal'):
-    """Return {name: error} [m] of links, offsets and marks of the specimen, names as in design/specimen.py."""
+    """
+    Return {name: error} [m, rad, m/m] of the specimen, names as in design/specimen.py.
+
+    They are links, offsets and marks; guides, scales and laser axes if the environment has them.
+    """
     error_names(machine)  # refuses machines without links
     assembly, geometry = Plant(machine.drawing, seed, environment).truth.assembly, machine.config.geometry
     links = {name: length - drawn_length(geometry, name) for name, length in assembly.lengths.items()}
     offsets = {name: getattr(assembly.offsets, name) - getattr(geometry, name) for name in ('dx', 'dy', 'dz')
                if hasattr(geometry, name)}  # fmt: skip
-    return links | offsets | dict(zip(machine.joints, assembly.encoder_offset.tolist(), strict=True))
+    marks = dict(zip(machine.joints, assembly.encoder_offset.tolist(), strict=True))
+    return links | offsets | marks | assembly.geometry_errors(machine.joints)
 
 
 def true_poses(machine, q, seed, environment='nominal'):

@@ -1,5 +1,6 @@
 """`pkm calibrate`: link lengths, offsets and encoder marks of one built machine from laser measurements."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ from pkm_core.errors import PkmError
 from pkm_core.files import writable_folder
 from pkm_core.machines import load_machine
 from pkm_core.machines.checks import ANGLES
+from pkm_core.machines.real_geometry import printed_unit
 from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import (
     EnvironmentOption,
@@ -21,6 +23,15 @@ from pkm_core.verbs.options import (
     out_folder,
     write_figures,
 )
+
+
+class Geometry(StrEnum):
+    """Set of unknowns."""
+
+    auto = 'auto'
+    lengths = 'lengths'
+    full = 'full'
+
 
 OTHERS = 500  # poses without a measurement at which a simulated machine is judged
 
@@ -60,6 +71,13 @@ def calibrate(
     laser: Annotated[str, typer.Option(help='Laser of config/design, or a YAML file.')] = 'laser',
     seed: SeedOption = 1,
     environment: EnvironmentOption = 'nominal',
+    geometry: Annotated[
+        Geometry,
+        typer.Option(
+            help='Unknowns: lengths, offsets and marks; full: also guides, scales and laser axes; auto: the set under '
+            'which the measurements are more probable.'
+        ),
+    ] = Geometry.auto,
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
@@ -101,7 +119,7 @@ def calibrate(
             seen = measure_study(machine, poses, spreads, beam, seed, environment)
             simulated, source = TrueSpecimen(machine, seed, environment), f'a simulation with seed {seed}'
         bar.step('estimate')
-        study = study_calibration(machine, seen, spreads, beam)
+        study = study_calibration(machine, seen, spreads, beam, geometry.value)
         rows = _errors(machine, study, simulated)
         if out:
             bar.step('files')
@@ -213,7 +231,7 @@ def _figures(machine, study, simulated, source, rows):
                 'estimate': 1e6 * found.errors[name],
                 'deviation': 1e6 * found.deviations[name],
                 'tolerance': 1e6 * found.priors[name],
-                'true': 1e6 * simulated.errors[name] if simulated else None,
+                'true': 1e6 * simulated.errors.get(name, 0.0) if simulated else None,
             }
             for name in found.priors
         },
@@ -226,7 +244,11 @@ def _parameters_table(found, simulated):
     columns = {'estimate': found.errors, '+-': found.deviations, 'tolerance': found.priors}
     if simulated:
         columns['true'] = simulated.errors
-    rows = [(name, *(f'{1e6 * column[name]:.2f}' for column in columns.values())) for name in found.priors]
+    rows = []
+    for name in found.priors:
+        factor, unit = printed_unit(name)
+        cells = (f'{factor * column.get(name, 0.0):.2f}' for column in columns.values())
+        rows.append((name if unit == 'um' else f'{name} [{unit}]', *cells))
     return table('deviation from the drawing [um]', ['', *columns], rows)
 
 
