@@ -74,7 +74,8 @@ class RealAssembly(Assembly):
         The coefficients of a guide are those of its projection on the polynomials; the rest has no name.
         """
         errors = {f'scale_{joint}': float(scale) for joint, scale in zip(joints, self.scale, strict=True)}
-        guides, directions = _GUIDES[self.mechanism], ('side',)
+        guides = _GUIDES[self.mechanism]
+        directions: tuple[str, ...] = ('side',)
         if self.mechanism == 'four_dof':
             directions = ('side', 'rise')
             errors |= dict(zip(('square', 'pitch', 'roll', 'height'), self.turned.tolist(), strict=True))
