@@ -8,13 +8,14 @@ the plant judges both. Errors are less their mean over the poses, which is a shi
 import numpy as np
 
 from pkm_core.design.budget import deviation_from_datum, linear_budget, sources
+from pkm_core.design.geometry import geometry_names
 from pkm_core.design.measurement import load_laser
 from pkm_core.design.pose_plan import plan_poses, spread_poses
 from pkm_core.design.specimen import sensitivities
 from pkm_core.design.tolerances import Tolerances
 from pkm_core.experiments.simulated_calibration import simulate_calibration
 from pkm_core.machines import load_machine
-from pkm_core.plant.truth import load_truth
+from pkm_core.simulation.true_rests import true_errors
 
 POSES, OTHERS = 20, 50  # of the calibration, and of the judge
 _BUILT = ('link lengths', 'encoder offsets')  # sources that every specimen has; its offsets are those of the drawing
@@ -73,7 +74,7 @@ def measured_rows(machine_name, tolerances, environment, results):
     """
     machine = load_machine(machine_name).drawing
     q = machine.inverse(_others(machine))
-    geometry = load_truth(machine, environment)[1].geometry is not None
+    geometry = not set(geometry_names(machine)).isdisjoint(true_errors(machine, 1, environment))
     groups = _BUILT + (_GEOMETRY if geometry else ())
     built = [source for source in sources(machine, tolerances, q, geometry) if source.group in groups]
     total = linear_budget(machine, tolerances, q, geometry).total()
