@@ -114,6 +114,11 @@ def test_laser_axes_of_a_machine_are_those_of_its_file():
     expected = np.eye(4)
     expected[0, 1], expected[2, 0] = 1e-4, -2e-4
     np.testing.assert_array_equal(machine.laser_axes, expected)
+    q = random_joints(machine, 10)
+    moved = machine.forward(q) - machine.forward(machine.home)
+    read = machine.read_by_laser(q) - machine.read_by_laser(machine.home)
+    np.testing.assert_allclose(read[:, 0] - moved[:, 0], 1e-4 * moved[:, 1], atol=1e-16)
+    np.testing.assert_allclose(machine.from_laser(read), moved, atol=1e-15)
     again = pickle.loads(pickle.dumps(machine))  # workers of a study get machines
     np.testing.assert_array_equal(again.forward(again.home), machine.forward(machine.home))
 

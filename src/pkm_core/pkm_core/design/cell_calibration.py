@@ -145,7 +145,7 @@ def fit_bags(machine, machine_name, bags, namespace, request, file):
     used, held = seen.rows(slice(request.poses)), seen.rows(slice(request.poses, None))
     tolerances, noise = load_tolerances(), seen.noise(machine, load_laser())
     found = calibrate(machine, used, tolerances, noise)
-    before, after = (prediction_errors(each.forward, held) for each in (machine, found.machine))
+    before, after = (prediction_errors(each.read_by_laser, held) for each in (machine, found.machine))
     verification = verify(machine, found.machine, held, noise)
     value, parts = weakest_direction(machine.drawing, used.q, tolerances, noise)
     mix = ' '.join(f'{part:+.2f} {name}' for name, part in parts.items() if abs(part) > 0.2)
@@ -154,13 +154,17 @@ def fit_bags(machine, machine_name, bags, namespace, request, file):
         write_measurements(folder / 'measurements.csv', machine, seen)
         write_calibrated_machine(file, machine_name, found, f'{len(bags)} cycles of a cell', machine.configuration)
         draw_calibration(folder, CalibrationStudy(found, used, held, noise, before, after))
-    errors = positioning(held, verification_poses(machine, request))
+    errors = positioning(found.machine, held, verification_poses(machine, request))
     return CellCalibration(found, verification, errors, f'singular value {value:.2g}: {mix}', machine, file)
 
 
-def positioning(measurements, commanded):
-    """Return the displacements by laser minus the `commanded` poses (N, m) [m, rad], less their mean."""
-    errors = measurements.displacement - commanded
+def positioning(machine, measurements, commanded):
+    """
+    Return the displacements by laser minus the `commanded` poses (N, m) [m, rad], less their mean.
+
+    The axes of the laser are those that `machine` was calibrated with.
+    """
+    errors = machine.from_laser(measurements.displacement) - commanded
     return errors - errors.mean(axis=0)
 
 
@@ -173,7 +177,7 @@ def check_bags(fitted, bags, namespace, request):
     held = measure(fitted.machine, bags, namespace, request.averaging)
     if len(held.q) != request.verification:
         raise PkmError(f'{len(held.q)} rests in {len(bags)} bags; expected {request.verification}')
-    after = positioning(held, verification_poses(fitted.machine, request))
+    after = positioning(fitted.calibration.machine, held, verification_poses(fitted.machine, request))
     return verification_of(fitted, after)
 
 

@@ -171,6 +171,10 @@ class Machine(ABC):
         pose = self.forward(q)
         return pose if self._geometry is None else pose @ self.laser_axes.T
 
+    def from_laser(self, displacement: Array) -> Array:
+        """Return the displacement (..., m) in the base frame of one read by the laser, by its calibrated axes."""
+        return displacement if self._geometry is None else displacement @ np.linalg.inv(self.laser_axes).T
+
     @property
     def _geometry(self):
         return getattr(getattr(self.config, 'built', None), 'geometry', None)
