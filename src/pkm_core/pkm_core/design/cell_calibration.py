@@ -136,12 +136,17 @@ def fit_bags(machine, machine_name, bags, namespace, request, file):
         If a bag is refused, the misfit is too large, or a file cannot be written.
 
     """
-    from pkm_core.design.calibration_figures import draw_calibration
-
     seen = measure(machine, bags, namespace, request.averaging)
     expected = request.poses + request.verification
     if len(seen.q) != expected:
         raise PkmError(f'{Path(bags[0]).parent}: {len(seen.q)} rests in {len(bags)} bags; expected {expected}')
+    return fit_measurements(machine, machine_name, seen, request, file, f'{len(bags)} cycles of a cell')
+
+
+def fit_measurements(machine, machine_name, seen, request, file, source):
+    """Do what `fit_bags` does with the `Measurements` `seen` of all poses; the text `source` names their origin."""
+    from pkm_core.design.calibration_figures import draw_calibration
+
     used, held = seen.rows(slice(request.poses)), seen.rows(slice(request.poses, None))
     tolerances, noise = load_tolerances(), seen.noise(machine, load_laser())
     found = calibrate(machine, used, tolerances, noise)
@@ -152,8 +157,8 @@ def fit_bags(machine, machine_name, bags, namespace, request, file):
     folder = writable_folder(file.parent)
     with refused_if_unwritable(folder):
         write_measurements(folder / 'measurements.csv', machine, seen)
-        write_calibrated_machine(file, machine_name, found, f'{len(bags)} cycles of a cell', machine.configuration)
-        draw_calibration(folder, CalibrationStudy(found, used, held, noise, before, after))
+        write_calibrated_machine(file, machine_name, found, source, machine.configuration)
+        draw_calibration(folder, CalibrationStudy(found, used, held, noise, before, after, verification))
     errors = positioning(found.machine, held, verification_poses(machine, request))
     return CellCalibration(found, verification, errors, f'singular value {value:.2g}: {mix}', machine, file)
 
