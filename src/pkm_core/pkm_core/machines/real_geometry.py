@@ -35,7 +35,7 @@ _Bow = Annotated[Length, Field(ge=-1e-5, le=1e-5)]
 
 
 class PlanarRealGeometry(Config):
-    """Scale errors of d1, d3; straightness of the guide; axes of the laser; see the module."""
+    """Scale errors of d1, d3; straightness of the guide; axes of the laser (real_geometry.py)."""
 
     scale_d1: _Scale = 0.0
     scale_d3: _Scale = 0.0
@@ -50,7 +50,7 @@ class PlanarRealGeometry(Config):
 
 
 class FourDofRealGeometry(PlanarRealGeometry):
-    """Scale errors, straightness and relative position of both guides, axes of the laser; see the module."""
+    """Scale errors, straightness and relative position of both guides, axes of the laser (real_geometry.py)."""
 
     scale_d5: _Scale = 0.0
     scale_d7: _Scale = 0.0
