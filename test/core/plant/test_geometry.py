@@ -56,7 +56,7 @@ def test_geometry_at_zero_is_the_assembly_without(name):
 
 
 @pytest.mark.parametrize('name', ['four_dof', 'planar'])
-def test_truth_agrees_with_the_kinematics_of_a_calibrated_machine(name):
+def test_truth_agrees_with_calibrated_kinematics(name):
     """Two implementations: turns, height, scales, belts and lengths. Shapes of guides differ, so they are off here."""
     machine, real = specimen(name)
     real = replace(real, waves=0.0 * real.waves)

@@ -3,7 +3,7 @@ Laser measurement of the end point, independent of the encoders: own clock, own 
 
 The thesis's Tables 7.3 and 8.3 imply 0.8 ms and 0.91 um: settling times and errors are multiples of these steps. The
 laser measures what the encoders do not: link errors, offsets of the reference marks, deflection of belts and platform.
-Its axes are those of the machine unless the specimen says otherwise.
+Its axes are those of the machine, or those of the specimen if it has its own.
 """
 
 from typing import NamedTuple
