@@ -32,6 +32,7 @@ PLANTS = (
     ('four_dof', 'elastic'),
     ('four_dof', 'hard'),
     ('four_dof', 'ideal'),
+    ('four_dof', 'geometric'),
     ('planar', 'nominal'),
     ('xy_stage', 'nominal'),
 )

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from pkm_core.config import Configuration
-from pkm_core.design.budget import linear_budget, sources
+from pkm_core.design.budget import deviation_from_datum, linear_budget, sources
 from pkm_core.design.budget_monte_carlo import monte_carlo_budget, study_poses
 from pkm_core.design.error_matrix import em_true, geometry_of, linkage
+from pkm_core.design.specimen import end_point
 from pkm_core.design.tolerances import LengthSpread, load_tolerances
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
@@ -130,3 +131,31 @@ def test_invalid_tolerances_are_refused(old, new, message, tmp_path):
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(ConfigError, match=message):
         load_tolerances(path)
+
+
+def test_geometry_adds_its_sources_and_changes_no_other():
+    budget, full = (linear_budget(FOUR_DOF, TOLERANCES, Q, geometry) for geometry in (False, True))
+    np.testing.assert_array_equal(full.deviations[: len(budget.sources)], budget.deviations)
+    added = {source.group for source in full.sources[len(budget.sources) :]}
+    assert added == {'scales', 'straightness', 'squareness and height'}
+    deviations = full.source_deviations()
+    # a turn of Q about the crossing, which is 64 mm from it in x and 110 mm in y, moves the end point by half of that
+    assert deviations['square'][0] == pytest.approx(50e-6 * 0.5 * 0.11, rel=0.1)
+    simulated = monte_carlo_budget(FOUR_DOF, TOLERANCES, Q, 4000, seed=1, geometry=True)
+    np.testing.assert_allclose(simulated.deviation, full.total(), rtol=0.05)  # 4000 draws: standard error 1.1 %
+
+
+def test_deviation_from_the_datum_is_that_of_simulated_machines():
+    """A laser from an unknown datum does not see what all poses have in common; most of the error of y is that."""
+    links = [source for source in sources(FOUR_DOF, TOLERANCES, Q) if source.group == 'link lengths']
+    draw = np.random.default_rng(1)
+    errors = {source.name: 10e-6 * draw.standard_normal((4000, 1)) for source in links}
+    off = end_point(FOUR_DOF, Q, errors) - FOUR_DOF.forward(Q)
+    simulated = np.sqrt(np.mean((off - off.mean(axis=1, keepdims=True)) ** 2, axis=(0, 1)))
+    np.testing.assert_allclose(deviation_from_datum(FOUR_DOF, links, Q), simulated, rtol=0.03)
+    assert (simulated[:2] < 0.4 * np.sqrt(np.mean(off**2, axis=(0, 1)))[:2]).all()
+
+
+def test_geometry_without_its_tolerances_is_refused():
+    with pytest.raises(PkmError, match='tolerances: no section geometry'):
+        linear_budget(PLANAR, only(), study_poses(PLANAR, 4, seed=1), geometry=True)

@@ -11,10 +11,10 @@ from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
 from pkm_core.bag.message_types import typestore
+from pkm_core.bag.signals import Signal
 from pkm_core.errors import BagError
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.bag_data import read_axis
-from pkm_core.identification.bag_series import Signal
 from pkm_core.verbs.identify_bag import identify_bag
 
 GAIN, VISCOSITY = 12.0, 6.0  # rad/s^2 per N m, 1/s

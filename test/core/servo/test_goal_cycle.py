@@ -116,6 +116,7 @@ def test_cycle_is_numbered_after_the_last_one_of_the_machine():
     cycle.numbered(41)
     cycle.numbered(7)
     cycle.numbered(2**32 - 1)  # forged: with it the counting would end
+    assert cycle.next_cycle == 42
     assert cycle.begin(0.0) == (Send(42),)
     assert cycle.begin(0.0) == (Send(43),)
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pkm_core.design.geometry import geometry_names, geometry_spread
 from pkm_core.design.specimen import BELTS, LINKS, OFFSETS, error_names, sensitivities
 from pkm_core.design.tolerances import LengthSpread
 from pkm_core.machines.built import drawn_length
@@ -39,14 +40,18 @@ class Source:
     effect: dict[str, Any]
 
 
-def sources(machine, tolerances, q):
-    """Return the tuple of all `Source` of `machine` at the joint positions `q` (poses, n) [m]."""
+def sources(machine, tolerances, q, geometry=False):
+    """
+    Return the tuple of all `Source` of `machine` at the joint positions `q` (poses, n) [m].
+
+    With `geometry`, guides and scales are among them; `PkmError` if the tolerances have no such section.
+    """
     error_names(machine)  # refuses machines without links
-    mechanism, geometry = machine.config.mechanism, machine.config.geometry
+    mechanism, drawn = machine.config.mechanism, machine.config.geometry
     rounding = LengthSpread(uniform=0.5 * machine.encoder_resolution)
     links, offsets = LINKS[mechanism], OFFSETS[mechanism]
-    lengths = {link: drawn_length(geometry, link) for link in links}
-    lengths |= {offset: getattr(geometry, offset) for offset in offsets}
+    lengths = {link: drawn_length(drawn, link) for link in links}
+    lengths |= {offset: getattr(drawn, offset) for offset in offsets}
     thermal, belts = tolerances.thermal, tolerances.belts
     return (
         *(Source(name, 'link lengths', tolerances.links, False, {name: 1.0}) for name in links),
@@ -69,7 +74,18 @@ def sources(machine, tolerances, q):
             # a longer scale reads less
             {name: -thermal.scales_expand * q[..., i] for i, name in enumerate(machine.joints)},
         ),
+        *(_geometry_sources(machine, tolerances) if geometry else ()),
     )
+
+
+def _geometry_sources(machine, tolerances):
+    """Yield the `Source` of each error of guides and scales; the laser is no source."""
+    for name in geometry_names(machine):
+        kind = name.split('_')[0]
+        if kind != 'laser':
+            spread, share = geometry_spread(name, tolerances)
+            group = {'scale': 'scales', 'x': 'straightness', 'y': 'straightness'}.get(kind, 'squareness and height')
+            yield Source(name, group, spread, False, {name: share})
 
 
 class LinearBudget(NamedTuple):
@@ -100,9 +116,9 @@ def _ranked(rows):
     return sorted(rows.items(), key=lambda row: -np.sum(row[1][:3] ** 2))  # by position; phi has another unit
 
 
-def linear_budget(machine, tolerances, q):
+def linear_budget(machine, tolerances, q, geometry=False):
     """
-    Return the `LinearBudget` of `machine` at the joint positions `q` (poses, n) [m].
+    Return the `LinearBudget` of `machine` at the joint positions `q` (poses, n) [m]; `geometry` as in `sources`.
 
     Examples
     --------
@@ -117,13 +133,30 @@ def linear_budget(machine, tolerances, q):
 
     """
     q = np.asarray(q, dtype=float)
-    all_sources, names = sources(machine, tolerances, q), error_names(machine)
+    all_sources = sources(machine, tolerances, q, geometry)
+    return LinearBudget(all_sources, np.abs(_effects(machine, all_sources, q)))
+
+
+def _effects(machine, all_sources, q):
+    """Return the signed effect (sources, poses, m) on the end point of one standard deviation of each source."""
+    names = [*error_names(machine)]
+    names += sorted({name for source in all_sources for name in source.effect} - set(names))
     S = sensitivities(machine, q, names)
-    deviations = [
-        source.spread.deviation
-        * np.abs(
-            sum(S[..., names.index(name)] * np.asarray(gain)[..., np.newaxis] for name, gain in source.effect.items())
-        )
-        for source in all_sources
-    ]
-    return LinearBudget(all_sources, np.array(deviations))
+    return np.array(
+        [
+            source.spread.deviation
+            * sum(S[..., names.index(name)] * np.asarray(gain)[..., np.newaxis] for name, gain in source.effect.items())
+            for source in all_sources
+        ]
+    )
+
+
+def deviation_from_datum(machine, all_sources, q):
+    """
+    Return the standard deviation (m,) of the end-point error less its mean over the poses `q` (poses, n).
+
+    It is the quadratic mean over the poses, of the sources that are drawn once per machine. A laser from an unknown
+    datum measures no more.
+    """
+    effects = _effects(machine, [source for source in all_sources if not source.each_pose], np.asarray(q, dtype=float))
+    return np.sqrt(np.mean(np.sum((effects - effects.mean(axis=1, keepdims=True)) ** 2, axis=0), axis=0))

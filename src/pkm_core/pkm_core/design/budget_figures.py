@@ -42,10 +42,10 @@ def draw_contributions(folder, machine, budget):
     save(figure, folder, 'budget_contributions')
 
 
-def draw_map(folder, machine, tolerances, seed, samples=20_000):
+def draw_map(folder, machine, tolerances, seed, geometry=False, samples=20_000):
     """Write the linear standard deviation over x and y, the mean over the samples of each cell."""
     q = sample_joints(machine, samples, seed)
-    deviations = linear_budget(machine, tolerances, q).total()
+    deviations = linear_budget(machine, tolerances, q, geometry).total()
     x, y = 1e3 * machine.forward(q)[:, :2].T
     figure = new_figure(4.0 * len(machine.coordinates), 3.6)
     panels = figure.subplots(1, len(machine.coordinates))

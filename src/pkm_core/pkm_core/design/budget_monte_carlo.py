@@ -43,11 +43,11 @@ def study_poses(machine, poses, seed):
     return qmc.scale(halton.random(poses), machine.limits.lower, machine.limits.upper)
 
 
-def simulate_block(machine, tolerances, q, edges, machines, seed):
+def simulate_block(machine, tolerances, q, edges, geometry, machines, seed):
     """Return (sums, sums of squares, counts in the bins of `edges`) of the errors of `machines` machines at `q`."""
     draw = np.random.default_rng(seed)
     errors = {}
-    for source in sources(machine, tolerances, q):
+    for source in sources(machine, tolerances, q, geometry):
         value = source.spread.draw(draw, (machines, len(q) if source.each_pose else 1))
         for name, gain in source.effect.items():
             errors[name] = errors.get(name, 0.0) + gain * value
@@ -61,12 +61,12 @@ def simulate_block(machine, tolerances, q, edges, machines, seed):
     return error.sum(axis=0), (error**2).sum(axis=0), np.stack(counts, axis=-1)
 
 
-def monte_carlo_budget(machine, tolerances, q, machines, seed, scheduler=None, on_block=lambda: None):
+def monte_carlo_budget(machine, tolerances, q, machines, seed, scheduler=None, on_block=lambda: None, geometry=False):
     """
     Return the `Distribution` of the end-point error of `machines` machines at `q` (poses, n) [m].
 
     `scheduler` is the address of a dask scheduler, e.g. 'tcp://host:8786'; its workers need this package. `on_block` is
-    called after each block.
+    called after each block. `geometry` is as in `sources`.
 
     Raises
     ------
@@ -83,11 +83,11 @@ def monte_carlo_budget(machine, tolerances, q, machines, seed, scheduler=None, o
     array([[16.9, 13.1]])
 
     """
-    reach = _SPAN * linear_budget(machine, tolerances, q).total().max(axis=0)
+    reach = _SPAN * linear_budget(machine, tolerances, q, geometry).total().max(axis=0)
     edges = reach * np.linspace(-1.0, 1.0, _BINS + 1)[:, np.newaxis]
     sizes = [min(MACHINES_A_BLOCK, machines - start) for start in range(0, machines, MACHINES_A_BLOCK)]
     blocks = list(zip(sizes, np.random.SeedSequence(seed).spawn(len(sizes)), strict=True))
-    common = (machine, tolerances, q, edges)
+    common = (machine, tolerances, q, edges, geometry)
     run = _here(common, blocks) if scheduler is None else _on_cluster(scheduler, common, blocks)
     sums: Any = 0  # arrays from the first block on
     squares: Any = 0

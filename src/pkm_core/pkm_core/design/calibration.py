@@ -11,17 +11,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pkm_core.design.specimen import LINKS, OFFSETS, end_point, error_names, sensitivities
+from pkm_core.design.calibration_fit import fit
+from pkm_core.design.geometry import built_geometry, geometry_priors
+from pkm_core.design.information import check_directions, fewest_poses, parameter_priors
+from pkm_core.design.specimen import end_point
+from pkm_core.design.units import units
 from pkm_core.errors import PkmError
+from pkm_core.machines.uncertainty import Uncertainty
+
+LARGEST_MISFIT = 1.5  # chosen: 80 residuals of a valid model exceed 1.3 once in a million calibrations
+GEOMETRIES = ('auto', 'lengths', 'full')  # sets of unknowns, see `calibrate`
+_WORST = 3  # poses named in a refusal
 
 
-def built_machine(machine, errors):
-    """Return `machine` with a section `built`: lengths and marks of the drawing plus `errors` [m]."""
+def built_machine(machine, errors, specimen=None, uncertainty=None):
+    """Return `machine` with a section `built`: lengths and marks of the drawing plus `errors` [m], of `specimen`."""
     config = machine.config
     drawn = type(machine).Built.as_drawn(config.geometry)
     marks = drawn.marks.model_copy(update={joint: errors.get(joint, 0.0) for joint in machine.joints})
-    off = {name: value + errors.get(name, 0.0) for name, value in drawn if name != 'marks'}
-    built = drawn.model_copy(update={**off, 'marks': marks})
+    off = {name: value + errors.get(name, 0.0) for name, value in drawn.lengths().items()}
+    sections = {'specimen': specimen, 'uncertainty': uncertainty, 'geometry': built_geometry(machine, errors)}
+    built = drawn.model_copy(update={**off, 'marks': marks, **sections})
     return type(machine)(config.model_copy(update={'built': built}), machine.name, machine.configuration)
 
 
@@ -52,25 +62,21 @@ class Calibration(NamedTuple):
     misfit: float  # root mean square of the residuals over the measurement's deviation; about 1 for a valid model
 
 
-def parameter_priors(machine, tolerances):
-    """Return {name: standard deviation} [m] of all estimated parameters."""
-    error_names(machine)  # refuses machines without links
-    mechanism = machine.config.mechanism
-    return {
-        **dict.fromkeys(LINKS[mechanism], tolerances.links.deviation),
-        **dict.fromkeys(OFFSETS[mechanism], tolerances.offsets.deviation),
-        **dict.fromkeys(machine.joints, tolerances.encoder_offsets.deviation),
-    }
-
-
-def calibrate(machine, measurements, tolerances, deviation):
+def calibrate(machine, measurements, tolerances, deviation, largest_misfit=LARGEST_MISFIT, geometry='auto'):
     """
     Return the `Calibration` of `machine` from `measurements`, which have the standard `deviation` (m,).
+
+    `geometry` is the set of unknowns: 'lengths' (with offsets and marks), 'full' (with guides, scales and axes of the
+    laser), or 'auto', the one of both under which the measurements are more probable.
+
+    A calibration with a misfit above `largest_misfit` is refused: the machine has errors outside this model, or the
+    measurements are disturbed. The refusal has the pattern of the residuals: coordinates and worst poses.
 
     Raises
     ------
     PkmError
-        If there are too few poses, something is not finite, or a tolerance is zero.
+        If there are too few or too similar poses, something is not finite, a tolerance is zero, or the misfit is too
+        large.
     WorkspaceError
         If a reading is outside the travel.
 
@@ -88,50 +94,61 @@ def calibrate(machine, measurements, tolerances, deviation):
     {'l2': 19, 'l4': -11}
 
     """
-    from scipy.optimize import least_squares
-
-    priors = parameter_priors(machine, tolerances)
-    names, prior = tuple(priors), np.array(list(priors.values()))
-    _check(machine, measurements, priors)
-
-    def model(scaled):
-        return dict(zip(names, prior * scaled, strict=True))
-
-    def residuals(scaled):
-        predicted = end_point(machine, measurements.q, model(scaled))
-        return np.concatenate([_weighted(predicted - measurements.displacement, deviation).ravel(), scaled])
-
-    def slope(scaled):
-        S = sensitivities(machine, measurements.q, names, model(scaled))
-        data = _weighted(S, np.asarray(deviation)[:, np.newaxis]).reshape(-1, len(names)) * prior
-        return np.vstack([data, np.eye(len(names))])
-
-    found = least_squares(residuals, np.zeros(len(names)), slope, x_scale=1.0, xtol=1e-12, ftol=1e-12, gtol=1e-10)
-    covariance = np.linalg.inv(found.jac.T @ found.jac)
-    _, singular, directions = np.linalg.svd(slope(np.zeros(len(names)))[: -len(names)], full_matrices=False)
-    poses, coordinates = measurements.displacement.shape
-    errors = {name: float(error) for name, error in model(found.x).items()}
+    machine = machine.drawing
+    lengths = parameter_priors(machine, tolerances)
+    _check(machine, measurements, tolerances, lengths)
+    check_directions(machine, measurements.q, tolerances, deviation)
+    found = max(_fits(machine, measurements, tolerances, deviation, geometry), key=lambda each: each.log_evidence)
+    if not found.misfit <= largest_misfit:
+        raise PkmError(
+            f'calibration: misfit {found.misfit:.2f} of the noise; allowed {largest_misfit:g}; '
+            f'{_pattern(machine, found.residuals, deviation)}'
+        )
+    _, singular, directions = np.linalg.svd(found.slope_at_drawing, full_matrices=False)
     return Calibration(
-        built_machine(machine, errors),
-        errors,
-        dict(zip(names, (prior * np.sqrt(np.diag(covariance))).tolist(), strict=True)),
-        priors,
-        Identifiability(names, singular, directions),
-        float(np.sqrt(np.sum(found.fun[: -len(names)] ** 2) / ((poses - 1) * coordinates))),
+        built_machine(
+            machine, found.errors, measurements.specimen, Uncertainty.of(tuple(found.priors), found.covariance)
+        ),
+        found.errors,
+        found.deviations,
+        found.priors,
+        Identifiability(tuple(found.priors), singular, directions),
+        found.misfit,
     )
 
 
-def _weighted(values, deviation):
-    """Return `values` (N, m, ...) less their mean over the poses (the unknown datum), over `deviation`."""
-    return (values - values.mean(axis=0)) / deviation
+def _fits(machine, measurements, tolerances, deviation, geometry):
+    """Return the fits of the sets of unknowns that `geometry` allows."""
+    if geometry not in GEOMETRIES:
+        raise PkmError(f'calibration: geometry: {geometry!r} given; allowed: {", ".join(GEOMETRIES)}')
+    lengths = parameter_priors(machine, tolerances)
+    sets = [] if geometry == 'full' else [lengths]
+    if geometry == 'full' or (geometry == 'auto' and tolerances.geometry is not None):
+        sets.append(lengths | geometry_priors(machine, tolerances))
+    return [fit(machine, measurements, priors, deviation) for priors in sets]
 
 
-def _check(machine, measurements, priors):
+def _pattern(machine, residuals, deviation):
+    """Return the pattern of `residuals` (N, m), in deviations, as a text: their size by coordinate, the worst poses."""
+    sizes = np.sqrt(np.mean(residuals**2, axis=0))
+    by_coordinate = ', '.join(f'{name} {size:.1f}' for name, size in zip(machine.coordinates, sizes, strict=True))
+    worst = np.argsort(-np.abs(residuals).max(axis=1), kind='stable')[:_WORST]
+    named = []
+    for pose in worst:
+        at = int(np.argmax(np.abs(residuals[pose])))
+        factor, unit = units(machine)[at]
+        named.append(
+            f'pose {pose} {machine.coordinates[at]} {factor * residuals[pose, at] * deviation[at]:+.2f} {unit}'
+        )
+    return f'residuals over the noise: {by_coordinate}; largest: {", ".join(named)}'
+
+
+def _check(machine, measurements, tolerances, priors):
     machine.check_joints(measurements.q)
-    poses, coordinates = measurements.displacement.shape
+    poses = len(measurements.displacement)
     if not np.isfinite(measurements.displacement).all():
         raise PkmError('measurements: a displacement is not finite')
-    fewest = 1 + -(-len(priors) // coordinates)
+    fewest = fewest_poses(machine, tolerances)
     if poses < fewest:
         raise PkmError(f'{poses} poses measured; {len(priors)} unknowns need at least {fewest}')
     for name, deviation in priors.items():
@@ -139,9 +156,13 @@ def _check(machine, measurements, priors):
             raise PkmError(f'tolerances: the deviation of {name} is {deviation:g} m; allowed above 0 for calibration')
 
 
-def prediction_errors(forward, measurements):
-    """Return measured minus predicted displacement (N, m) [m, rad] of `forward`, less the mean over the poses."""
-    difference = measurements.displacement - forward(measurements.q)
+def prediction_errors(predict, measurements):
+    """
+    Return measured minus predicted displacement (N, m) [m, rad], less the mean over the poses.
+
+    `predict` maps readings (N, n) to poses (N, m), e.g. `Machine.read_by_laser`.
+    """
+    difference = measurements.displacement - predict(measurements.q)
     return difference - difference.mean(axis=0)
 
 

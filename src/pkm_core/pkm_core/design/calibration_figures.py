@@ -22,7 +22,7 @@ def draw_calibration(folder, study, true_errors=None):
     left, right = lower.subplots(1, 2, width_ratios=[2, 1])
     names = list(calibration.deviations)
     estimates, deviations = (
-        1e6 * np.array([row[name] for name in names]) for row in (calibration.errors, calibration.deviations)
+        1e6 * np.array([row.get(name, 0.0) for name in names]) for row in (calibration.errors, calibration.deviations)
     )
     left.bar(
         names,
@@ -33,7 +33,7 @@ def draw_calibration(folder, study, true_errors=None):
     )
     left.errorbar(names, estimates, deviations, fmt='o', capsize=3, label='estimate')
     if true_errors:
-        left.plot(names, [1e6 * true_errors[name] for name in names], 'rx', label='true (simulated)')
+        left.plot(names, [1e6 * true_errors.get(name, 0.0) for name in names], 'rx', label='true (simulated)')
     left.set(ylabel='deviation from the drawing [um]')
     left.legend(fontsize='small')
     singular = np.maximum(calibration.identifiability.singular_values, 1e-3)

@@ -3,16 +3,20 @@ A built machine that deviates from its drawing, and the sensitivity of its end p
 
 Errors have names. `l2` ... `k12`: excess length of a link [m]. `dx`, `dy`, `dz`: excess of an offset [m]. `d1` ...
 `d7`: reading of an encoder minus position of its slider [m]. `psi_p`, `psi_q`: rotation of the platform at P, at Q, due
-to the elasticity of its belt [rad].
+to the elasticity of its belt [rad]. Beyond these, errors of guides and scales have the names of
+machines/real_geometry.py.
 """
 
 from types import SimpleNamespace
 
 import numpy as np
 
+from pkm_core.design.geometry import geometry_names
 from pkm_core.errors import PkmError
 from pkm_core.machines.assembly import Assembly
 from pkm_core.machines.built import drawn_length
+from pkm_core.machines.real_geometry import end_point as real_end_point
+from pkm_core.machines.real_geometry import guide_ends
 
 LINKS = {'four_dof': ('l2', 'l4', 'l6', 'l8', 'k10', 'k12'), 'planar': ('l2', 'l4')}
 OFFSETS = {'four_dof': ('dx', 'dy', 'dz'), 'planar': ('dy',)}
@@ -21,7 +25,7 @@ _STEP = 1e-6  # [m, rad] of the central differences; their relative error is 1e-
 
 
 def error_names(machine):
-    """Return the names of all errors of a specimen of `machine`."""
+    """Return the names of all errors of lengths, marks and belts of a specimen of `machine`."""
     mechanism = machine.config.mechanism
     if mechanism not in LINKS:
         raise PkmError(f'{machine.name}: a {mechanism} has no links; known: {sorted(LINKS)}')
@@ -32,7 +36,8 @@ def end_point(machine, q, errors):
     """
     Return the pose (..., m) of a specimen of `machine` at the encoder readings `q` (..., n) [m].
 
-    `errors` is {name: number or array that broadcasts with (...,)}; missing errors are zero.
+    `errors` is {name: number or array that broadcasts with (...,)}; missing errors are zero. Axes of a laser
+    (`laser_xy` ...) have no effect.
 
     Examples
     --------
@@ -43,26 +48,31 @@ def end_point(machine, q, errors):
     array([1.167, 0.553])
 
     """
-    known = error_names(machine)
+    lengths_and_marks = error_names(machine)
+    known = (*lengths_and_marks, *geometry_names(machine))
     unknown = sorted(set(errors) - set(known))
     if unknown:
         raise PkmError(f'{machine.name}: unknown errors {unknown}; known: {list(known)}')
     mechanism, geometry = machine.config.mechanism, machine.config.geometry
-    specimen = Assembly(
-        mechanism,
-        offsets=SimpleNamespace(
-            **{name: getattr(geometry, name) + errors.get(name, 0.0) for name in OFFSETS[mechanism]}
-        ),
-        lengths={link: drawn_length(geometry, link) + errors.get(link, 0.0) for link in LINKS[mechanism]},
-        encoder_offset=np.zeros(len(machine.joints)),  # subtracted below, because it may differ between poses
-        payload=0.0,
-    )
+    offsets = {name: getattr(geometry, name) + errors.get(name, 0.0) for name in OFFSETS[mechanism]}
+    lengths = {link: drawn_length(geometry, link) + errors.get(link, 0.0) for link in LINKS[mechanism]}
     q = np.asarray(q, dtype=float)
     sliders = [q[..., i] - errors.get(joint, 0.0) for i, joint in enumerate(machine.joints)]
     turns = [errors.get(name, 0.0) for name in ('psi_p', 'psi_q')]  # a planar machine has no platform at Q
     shape = np.broadcast_shapes(*(np.shape(part) for part in (*sliders, *errors.values())))
-    stacked = (np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1) for parts in (sliders, turns))
-    return specimen.end_point(*stacked)
+    at, belts = (np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1) for parts in (sliders, turns))
+    beyond = {name: error for name, error in errors.items() if name not in lengths_and_marks}
+    if beyond:
+        named = {**offsets, **lengths, **beyond, 'psi_p': turns[0], 'psi_q': turns[1]}
+        return real_end_point(mechanism, at, named, guide_ends(machine.limits))
+    specimen = Assembly(
+        mechanism,
+        offsets=SimpleNamespace(**offsets),
+        lengths=lengths,
+        encoder_offset=np.zeros(len(machine.joints)),  # subtracted above, because it may differ between poses
+        payload=0.0,
+    )
+    return specimen.end_point(at, belts)
 
 
 def sensitivities(machine, q, names=None, errors=None):

@@ -39,6 +39,7 @@ def _spread(unit):
 
 
 LengthSpread, TorqueSpread, TemperatureSpread = (_spread(unit) for unit in ('m', 'N m', 'K'))
+AngleSpread, NumberSpread = (_spread(unit) for unit in ('rad', ''))
 Expansion = Annotated[quantity('1/K'), Field(ge=0.0)]
 
 
@@ -58,6 +59,17 @@ class ThermalTolerances(Config):
     scales_warm: TemperatureSpread
 
 
+class GeometryTolerances(Config):
+    """Guides, scales and laser axes; names as in machines/real_geometry.py, `tilt` is pitch and roll."""
+
+    scale: NumberSpread
+    square: AngleSpread
+    tilt: AngleSpread
+    height: LengthSpread
+    straightness: Annotated[LengthSpread, Field(description='longest wave of a guide; wave k has 1/k^2 of it')]
+    laser_axes: AngleSpread
+
+
 class Tolerances(Config):
     """Spreads of all sources of end-point error; the rounding of the encoders is a property of the machine."""
 
@@ -66,6 +78,7 @@ class Tolerances(Config):
     encoder_offsets: LengthSpread
     belts: BeltTolerances
     thermal: ThermalTolerances
+    geometry: GeometryTolerances | None = None
 
 
 def load_tolerances(name_or_path='tolerances') -> Tolerances:

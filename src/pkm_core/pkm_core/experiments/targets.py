@@ -1,7 +1,8 @@
 """
 Targets of control and learning, and the values reached: one row per target.
 
-Errors are those of the worst axis of a cycle, by the encoders, over all noise seeds and counted cycles.
+Errors are those of the worst axis of a cycle, by the encoders, over all noise seeds and counted cycles. Those of a
+calibrated machine at rest are in coordinates, by the truth of the plant (rest_targets.py).
 """
 
 from dataclasses import dataclass, replace
@@ -12,8 +13,10 @@ from pkm_core.control.margins import stability_margins, worst_margins
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
 from pkm_core.experiments.condition import conditions, prepared
+from pkm_core.experiments.geometry_targets import geometry_rows, geometry_tasks
 from pkm_core.experiments.outcome import counted, spread, worst_axis
 from pkm_core.experiments.random_machines import drive_one
+from pkm_core.experiments.rest_targets import rest_rows, rest_tasks
 from pkm_core.experiments.runs import measure
 from pkm_core.experiments.transfer import transfer
 from pkm_core.machines import load_machine
@@ -65,6 +68,8 @@ def target_tasks(seeds, cycles):
             tasks[machine, 'transfer', seed] = (transfer, machine, seed)
         for number in range(RANDOM_MACHINES * seeds):
             tasks[machine, 'random', number] = (random_machine_error, best, number)
+        tasks |= rest_tasks(machine, seeds)
+        tasks |= geometry_tasks(machine, seeds)
     return tasks
 
 
@@ -123,6 +128,11 @@ def _machine_rows(machine, found):
         _transfer(name, found['transfer'], goals['transfer']),
         *(_error(f'{name} in {1e3 * t:g} ms, best law', '70 ms', found[f'{t:g}'], g) for t, g in SHORTER.items()),
         *_laser(name, found),
+        *(Target(what, '', goal, reached, met) for what, goal, reached, met in rest_rows(name, machine, found)),
+        *(
+            Target(what, '', goal, reached, met)
+            for what, goal, reached, met in geometry_rows(name, machine, found['geometry'])
+        ),
     ]
 
 

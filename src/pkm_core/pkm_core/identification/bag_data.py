@@ -90,7 +90,7 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
     Raises
     ------
     BagError
-        If `path` cannot be read, or lacks a topic or field.
+        If `path` cannot be read, lacks a topic or field, or a signal has fewer than two messages.
     IdentificationError
         If a signal has fewer than two messages, a gap, or a clock that steps back or never meets that of the others;
         if a unit does not fit, or more than the allowed share of the drive is at `limit`.

@@ -5,32 +5,19 @@ Messages without the named number are skipped and counted. The time of a sample 
 or if all stamps of the topic are 0, it is the time of reception. A clock that cannot place the samples is refused.
 """
 
-from collections import defaultdict
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
-from pkm_core.bag.reader import opened, read_metadata, reason_of
+from pkm_core.bag.signals import read_samples
 from pkm_core.errors import BagError
 from pkm_core.identification import IdentificationError
 
 RECEPTION, STAMPS = 'time of reception', 'header stamps'
 _LATE = 1.5  # [median steps] a message later than this is no reordering of neighbours: the clock has stepped back
 _CONTRADICT = 0.01  # largest share of messages with the stamp of another message and another value
-
-
-@dataclass(frozen=True)
-class Signal:
-    """Topic, field and unit of a signal in a bag."""
-
-    topic: str
-    field: str = 'data'  # e.g. 'effort[2]', 'pose.position.x', or 'position[elbow]' in a message with `name`
-    unit: str = '1'  # any unit of pint; '0.2 um' for counts of that size
-
-    def __str__(self):
-        return f'{self.topic} {self.field}'
 
 
 @dataclass(frozen=True)
@@ -54,9 +41,9 @@ def read_series(path, signals):
         If a signal has fewer than two samples, or its clock steps back or stands.
 
     """
-    found, warnings, series = _read(Path(path), signals), [], {}
+    found, warnings, series = read_samples(path, signals), [], {}
     for name, signal in signals.items():
-        samples, skipped = found[name]
+        samples, skipped = _finite(found[name], signal)
         where = f'{Path(path).name}: {signal}'
         total = len(samples) + sum(skipped.values())
         reasons = '; '.join(f'{count} {reason}' for reason, count in skipped.items())
@@ -68,6 +55,14 @@ def read_series(path, signals):
             warnings.append(f'{where}: {total - len(samples)} of {total} messages are skipped: {reasons}')
         series[name] = _on_a_clock(where, samples, warnings)
     return series, list(dict.fromkeys(warnings))
+
+
+def _finite(found, signal):
+    """Return (samples, {reason: count}) of `read_samples` with the values that are not finite among the skipped."""
+    samples, skipped = found
+    finite = [sample for sample in samples if isfinite(sample[-1])]
+    lost = len(samples) - len(finite)
+    return finite, skipped | ({f'with {signal.field} not finite': lost} if lost else {})
 
 
 def _on_a_clock(where, samples, warnings):
@@ -118,82 +113,3 @@ def _without_doubles(where, times, values, clock, warnings):
             )
         warnings.append(f'{where}: {len(times) - new.sum()} messages have the time of the one before; they are skipped')
     return Series(times[new], values[new], clock)
-
-
-def _read(path, signals):
-    """Return {name: (list of (stamp or None, time of reception, value), {reason: messages skipped})}."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    topics = {signal.topic for signal in signals.values()}
-    _check_files(path, topics)
-    found = {name: ([], defaultdict(int)) for name in signals}
-    where = str(path)
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            missing = topics - set(reader.topics)
-            if missing:
-                raise BagError(f'{path}: has no topic {sorted(missing)}; it has {sorted(reader.topics)}')
-            connections = [connection for connection in reader.connections if connection.topic in topics]
-            for connection, received, data in reader.messages(connections=connections):
-                where = f'{path}: {connection.topic}'
-                message = reader.deserialize(data, connection.msgtype)
-                stamp = getattr(getattr(message, 'header', None), 'stamp', None)
-                if stamp is not None:
-                    stamp = 10**9 * stamp.sec + stamp.nanosec
-                for name, signal in signals.items():
-                    if signal.topic == connection.topic:
-                        _take(found[name], stamp, received, message, signal)
-    except BagError:
-        raise
-    except Exception as error:  # rosbags raises whatever an odd file leads to
-        raise BagError(f'{where}: cannot be read as a bag: {reason_of(error)}') from None
-    return found
-
-
-def _check_files(path, topics):
-    """Refuse what rosbags would wait for, allocate or unpack without bounds."""
-    if not path.exists():
-        raise BagError(f'{path}: no such file or folder')
-    files = [path]
-    if path.is_dir():
-        if not (path / 'metadata.yaml').exists():
-            raise BagError(f'{path}: has no metadata.yaml; expected a rosbag2 folder, an MCAP file or a ROS 1 bag')
-        files = [path / Path(name).name for name in read_metadata(path)['relative_file_paths']]
-    for file in files:
-        if not file.is_file():
-            raise BagError(f'{file}: is no regular file' if file.exists() else f'{file}: no such file')
-        if file.suffix == '.mcap':
-            with opened(file) as mcap:
-                for _ in mcap.messages(topics):
-                    pass
-
-
-def _take(found, stamp, received, message, signal):
-    """Append the number that `signal` names in `message`, or count why there is none."""
-    samples, skipped = found
-    try:
-        value = _value(message, signal.field)
-    except (LookupError, ValueError):
-        skipped[f'without {signal.field}'] += 1
-        return
-    except (AttributeError, TypeError) as error:
-        raise BagError(f'{signal.topic}: no number at {signal.field!r}: {error}') from None
-    if isfinite(value):
-        samples.append((stamp, received, value))
-    else:
-        skipped[f'with {signal.field} not finite'] += 1
-
-
-def _value(message, field):
-    """Return the number at `field` of `message`; LookupError or ValueError if this message lacks it."""
-    value = message
-    for part in field.split('.'):
-        name, _, index = part.partition('[')
-        value = getattr(value, name)
-        if index:
-            index = index.rstrip(']')
-            value = value[int(index) if index.isdigit() else list(message.name).index(index)]
-    if isinstance(value, str):
-        raise TypeError(f'{value[:40]!r} is a text')
-    return float(value)

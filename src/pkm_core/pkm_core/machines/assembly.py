@@ -33,6 +33,8 @@ class Assembly:
         Reading minus joint position, without noise and rounding [m].
     payload : float
         [kg].
+    laser_axes : ndarray, shape (m, m), optional
+        From a displacement of the end point to the laser's reading of it; None: the laser has the machine's axes.
 
     """
 
@@ -41,6 +43,7 @@ class Assembly:
     lengths: dict
     encoder_offset: np.ndarray
     payload: float
+    laser_axes: np.ndarray | None = None
 
     def end_point(self, q, belts):
         """
@@ -66,3 +69,7 @@ class Assembly:
         return np.stack(
             [x1 + share * (x2 - x1), y1 + share * (y2 - y1), height + at.dz, np.arctan((y2 - y1) / (x2 - x1))], axis=-1
         )
+
+    def geometry_errors(self, joints):
+        """Return {name: error} of guides, scales and laser axes, names as in real_geometry.py; here there are none."""
+        return {}

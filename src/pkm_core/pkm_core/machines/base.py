@@ -13,6 +13,8 @@ from pydantic import Field, model_validator
 from pkm_core.config import Config, Configuration, Inertia, Length, Mass, Speed, Time, Voltage, quantity
 from pkm_core.jet import as_series, value
 from pkm_core.machines.checks import check_between, check_finite, check_last_axis
+from pkm_core.machines.identity import Specimen
+from pkm_core.machines.real_geometry import laser_axes
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 NotNegativeLength = Annotated[Length, Field(ge=0)]
@@ -144,6 +146,43 @@ class Machine(ABC):
     def drive_limit(self) -> float:
         """Voltage [V] at which a drive reaches its limit of voltage or thrust."""
         return min(self.voltage_limit, self.limits.thrust / self.thrust_per_volt)
+
+    @property
+    def specimen(self) -> Specimen | None:
+        """The built machine that the lengths of the section `built` are of; None for the drawing."""
+        built = getattr(self.config, 'built', None)
+        return None if built is None else built.specimen
+
+    def check_specimen(self, seed: int, environment: str) -> None:
+        """
+        Refuse a simulated machine of another specimen than this calibrated one; the drawing suits every specimen.
+
+        Raises
+        ------
+        ConfigError
+            If the calibrated lengths are of another machine, seed or environment, or of a real machine; both are named.
+
+        """
+        if self.specimen is not None:
+            self.specimen.check(Specimen.simulated(self.name, seed, environment))
+
+    @property
+    def laser_axes(self) -> Array:
+        """Matrix (m, m) from a displacement of the pose to the laser's reading of it; identity without calibration."""
+        return laser_axes(self.coordinates, dict(self._geometry or {}))
+
+    def read_by_laser(self, q: ArrayLike) -> Array:
+        """Return `forward` at `q` (..., n) along the calibrated axes of the laser, (..., m); `forward` without them."""
+        pose = self.forward(q)
+        return pose if self._geometry is None else pose @ self.laser_axes.T
+
+    def from_laser(self, displacement: Array) -> Array:
+        """Return the displacement (..., m) in the base frame of one read by the laser, by its calibrated axes."""
+        return displacement if self._geometry is None else displacement @ np.linalg.inv(self.laser_axes).T
+
+    @property
+    def _geometry(self):
+        return getattr(getattr(self.config, 'built', None), 'geometry', None)
 
     def with_configuration(self, configuration: Configuration) -> 'Machine':
         """Return the same machine with models, gains, truth and motions of another `Configuration`."""

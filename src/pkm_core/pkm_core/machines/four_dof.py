@@ -17,6 +17,7 @@ from pkm_core.machines.base import Machine
 from pkm_core.machines.built import FourDofBuilt
 from pkm_core.machines.checks import check_between
 from pkm_core.machines.four_dof_config import FourDofConfig
+from pkm_core.machines.real_geometry import RealKinematics
 from pkm_core.machines.t_mechanism import joint_place, joint_rates, margins
 
 _GAPS = ('d3 - d1', 'd5 - d7')
@@ -54,16 +55,27 @@ class FourDof(Machine):
         self._lower = np.array([built.l2, built.l8])  # links on d1, d7
         self._higher = np.array([built.l4, built.l6])  # links on d3, d5
         self._marks = np.array([getattr(built.marks, joint) for joint in self.joints])
+        self._real = None
+        if built.geometry is not None:
+            self._real = RealKinematics(config.mechanism, built, self.limits, (self._forward, self._inverse))
 
     def forward(self, q):
         """Return (x, y, z, phi) of (2.5)-(2.8), (2.16)-(2.19) at `q`; see `Machine.forward`."""
+        closed = self._forward(q)
+        return closed if self._real is None else self._real.forward(self._joints(q))
+
+    def _forward(self, q):
         at = self._linkage(q)
         x, y = at.P[..., 0] + at.share * at.wx, at.P[..., 1] + at.share * at.wy
         return stack([x, y, at.Z + self._built.dz, np.arctan(at.wy / at.wx)])
 
     def inverse(self, x):
         """Return (d1, d3, d5, d7) of (2.11)-(2.14), (2.20)-(2.26) at the pose `x`; see `Machine.inverse`."""
-        x, built = self._pose(x), self._built
+        x = self._pose(x)
+        return self._inverse(x) if self._real is None else self._real.inverse(x)
+
+    def _inverse(self, x):
+        built = self._built
         dx, dy, dz = built.dx, built.dy, built.dz
         # z below dz and phi outside the range are other assembly modes, which no motion of the sliders reaches
         highest = dz + min(built.k10, built.k12)
@@ -84,6 +96,9 @@ class FourDof(Machine):
 
     def jacobian(self, q):
         """Return J = J_H J_q (..., 4, 4) [m/m; phi: rad/m] of (3.16)-(3.21); see `Machine.jacobian`."""
+        if self._real is not None:
+            self._forward(q)  # raises out of reach
+            return self._real.jacobian(q)
         at = self._linkage(q)
         moves, sinks = joint_rates(at.gaps, at.along, at.over)
         J_q = np.zeros((*at.Z.shape, 4, 4))  # rows x1, y1, x2, y2

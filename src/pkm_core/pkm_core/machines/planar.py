@@ -24,6 +24,7 @@ from pkm_core.machines.base import (
 )
 from pkm_core.machines.built import PlanarBuilt
 from pkm_core.machines.checks import check_between
+from pkm_core.machines.real_geometry import RealKinematics
 from pkm_core.machines.t_mechanism import check_centres, check_travel, joint_place, joint_rates, margins
 
 
@@ -102,15 +103,25 @@ class Planar(Machine):
         super().__init__(config, name, configuration)
         self._built = config.built or PlanarBuilt.as_drawn(config.geometry)
         self._marks = np.array([self._built.marks.d1, self._built.marks.d3])
+        self._real = None
+        if self._built.geometry is not None:
+            self._real = RealKinematics(config.mechanism, self._built, self.limits, (self._forward, self._inverse))
 
     def forward(self, q):
         """Return (x1, y1) of (2.5), (2.6) at `q`; see `Machine.forward`."""
+        closed = self._forward(q)
+        return closed if self._real is None else self._real.forward(self._joints(q))
+
+    def _forward(self, q):
         d1, _, along, Y1 = self._linkage(q)
         return stack([d1 + along, Y1 + self._built.dy])
 
     def inverse(self, x):
         """Return (d1, d3) of (2.11), (2.12) at the pose `x`; see `Machine.inverse`."""
         x = self._pose(x)
+        return self._inverse(x) if self._real is None else self._real.inverse(x)
+
+    def _inverse(self, x):
         l2, l4, dy = self._built.l2, self._built.l4, self._built.dy
         check_between(value(x)[..., 1:], dy, dy + min(l2, l4), ('y',), 'reach of links 2 and 4 (2.10)')
         Y1 = x[..., 1] - dy
@@ -119,6 +130,9 @@ class Planar(Machine):
 
     def jacobian(self, q):
         """Return J (..., 2, 2) [m/m] of (3.16); see `Machine.jacobian`."""
+        if self._real is not None:
+            self._forward(q)  # raises out of reach
+            return self._real.jacobian(q)
         _, gap, along, Y1 = self._linkage(q)
         moves, sinks = joint_rates(gap, along, Y1)
         return np.stack([np.stack([1.0 - moves, moves], axis=-1), np.stack([-sinks, sinks], axis=-1)], axis=-2)

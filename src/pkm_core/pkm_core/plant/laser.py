@@ -3,6 +3,7 @@ Laser measurement of the end point, independent of the encoders: own clock, own 
 
 The thesis's Tables 7.3 and 8.3 imply 0.8 ms and 0.91 um: settling times and errors are multiples of these steps. The
 laser measures what the encoders do not: link errors, offsets of the reference marks, deflection of belts and platform.
+Its axes are those of the machine, or those of the specimen if it has its own.
 """
 
 from typing import NamedTuple
@@ -82,7 +83,10 @@ class Laser:
         share = (rest / nanoseconds(duration))[:, np.newaxis]
         pose, rate = self._end_points()
         seen = _between(pose[row], rate[row], pose[row + 1], rate[row + 1], duration, share)
-        displacement = seen - self._datum + self._scale * self._noise.at(numbers)
+        displacement, axes = seen - self._datum, self._seen[0].assembly.laser_axes
+        if axes is not None:
+            displacement = displacement @ axes.T
+        displacement = displacement + self._scale * self._noise.at(numbers)
         self._tick, self._seen = self._tick + last, self._seen[-1:]
         return LaserSamples(due * 1e-9, self._step * np.round(displacement / self._step))
 

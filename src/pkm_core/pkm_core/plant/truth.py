@@ -10,6 +10,7 @@ level of each imperfection:
 - `nominal`, `hard`: two levels of all of them
 - `exact`: `nominal` with links and marks as drawn
 - `elastic` (4-DOF manipulator only): `nominal` with elastic belts and modes that depend on position
+- `geometric`: `nominal` with errors of guides, scales and laser axes
 """
 
 from typing import Annotated, Literal
@@ -17,6 +18,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from pkm_core.config import (
+    Angle,
     Config,
     Force,
     Frequency,
@@ -126,6 +128,17 @@ class LaserTruth(Config):
     rotation_arm: Annotated[Length, Field(gt=0.0, description='displacement per rotation [m/rad]')]
 
 
+class GeometryLevels(Config):
+    """Errors of guides, scales and laser axes, standard deviations over the specimens; see geometry.py."""
+
+    scale: Annotated[Number, Field(ge=0.0, le=1e-3, description='of each encoder, relative')]
+    square: Annotated[Angle, Field(ge=0.0, le=1e-2, description='turn of the Y guide about Z')]
+    tilt: Annotated[Angle, Field(ge=0.0, le=1e-2, description='turn of the Y guide about X and about its direction')]
+    height: Annotated[Length, Field(ge=0.0, le=1e-3, description='of the Y guide over the X guide')]
+    straightness: Annotated[Length, Field(ge=0.0, le=1e-4, description='longest wave of a guide, in each direction')]
+    laser_axes: Annotated[Angle, Field(ge=0.0, le=1e-2, description='of each direction of measurement')]
+
+
 class Environment(Config):
     """Level of each imperfection; spreads are standard deviations unless stated otherwise."""
 
@@ -150,6 +163,7 @@ class Environment(Config):
     link_error: Annotated[Length, Field(ge=0.0, description='of every link length')]
     payload_spread: Annotated[Share, Field(description='of the payload')]
     laser_noise: Annotated[Length, Field(ge=0.0, description='of one reading')]
+    geometry: GeometryLevels | None = None
 
 
 class Truth(Config):

@@ -8,6 +8,8 @@ from pkm_core.motion.planning import default_motion, load_motion, plan
 from pkm_core.motion.trajectory import to_joints
 from pkm_core.plant.laser import Laser
 from pkm_core.plant.plant import Plant
+from pkm_core.plant.specimen import assemble
+from pkm_core.plant.truth import load_truth
 from pkm_core.simulation.cycles import run_cycles
 
 
@@ -22,6 +24,7 @@ def main():
         plant.tick(np.zeros(len(machine.joints)))
         laser.observe(1, plant.truth)
         laser.read()
+        assemble(machine, *load_truth(machine, 'geometric'), 1).end_point(machine.home, np.zeros(0))
 
 
 if __name__ == '__main__':

@@ -9,9 +9,11 @@ from pkm_core.machines import load_machine
 from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import (
     ClusterOption,
+    EnvironmentOption,
     JsonOption,
     MachineOption,
     OutOption,
+    ProcessesOption,
     SeedOption,
     TolerancesOption,
     out_folder,
@@ -32,7 +34,14 @@ def budget(
     tolerances: TolerancesOption = 'tolerances',
     machines: Annotated[int, typer.Option(min=2, help='Number of machines to build and measure.')] = 10_000,
     poses: Annotated[int, typer.Option(min=1, help='Number of poses over the workspace, the same for all.')] = 64,
+    geometry: Annotated[bool, typer.Option('--geometry', help='Include guides and scales among the sources.')] = False,
+    measured: Annotated[
+        int,
+        typer.Option(min=0, help='Simulated machines that are measured, calibrated and measured again; 0: none.'),
+    ] = 0,
+    environment: EnvironmentOption = 'nominal',
     seed: SeedOption = 1,
+    processes: ProcessesOption = 0,
     cluster: ClusterOption = '',
     out: OutOption = None,
     json_file: JsonOption = None,
@@ -41,23 +50,47 @@ def budget(
     Compute the end-point error caused by tolerances, encoders, belts and temperature, linearly and by Monte Carlo.
 
     Sources are ranked by their share of the variance. The same seed gives the same bits with and without a cluster.
+    --measured puts predictions beside simulated machines of --environment with the seeds 1 to N: sent by the drawing,
+    calibrated with 20 poses by encoders and laser, sent again, and judged by the truth at 50 other poses.
 
     Example: `pkm budget --machines 10000 --out runs/budget`
+
+    Example: `pkm budget --measured 20 --environment geometric --geometry`
 
     Example: `pkm budget --tolerances my_tolerances.yaml --machines 1000000 --cluster tcp://host:8786`
     """
     from pkm_core.design.tolerances import load_tolerances
 
     console, machine, out = Output(), load_machine(machine_name).drawing, out_folder(out)
-    result = _compute(console, machine, load_tolerances(tolerances), machines, poses, seed, cluster, out)
+    spreads = load_tolerances(tolerances)
+    result = _compute(console, machine, spreads, geometry, machines, poses, seed, cluster, out)
     figures = {'machine': machine.name, 'tolerances': tolerances, 'machines': machines, 'poses': poses, 'seed': seed}
-    write_figures(json_file, figures | _figures(machine, result))
+    figures |= _figures(machine, result)
     _print(console, machine, result, machines, poses)
+    if measured:
+        rows = _measure(console, machine_name, machine, spreads, environment, measured, (processes, cluster))
+        figures['measured'] = {'environment': environment, 'specimens': measured, 'error': _named(machine, rows)}
+        title = f'{machine.name} {environment}: predictions, and {measured} machines, root mean square at 50 poses'
+        console.print(_table(title, _headings(machine), rows, '.3f'))
+    write_figures(json_file, figures)
     if out:
         console.plain(f'figures are in {out}')
 
 
-def _compute(console, machine, spreads, machines, poses, seed, cluster, out):
+def _measure(console, machine_name, machine, spreads, environment, specimens, workers):
+    """Return {what: error (m,)} in the units that are printed, of predictions and of simulated machines."""
+    from pkm_core.experiments.measured_budget import measured_rows, measured_tasks
+    from pkm_core.experiments.runs import farm
+    from pkm_core.parallel import search_executor
+
+    tasks = measured_tasks(machine_name, spreads, environment, specimens)
+    with progress_bar(console, specimens, name='machines') as bar, search_executor(*workers) as executor:
+        results = farm(executor, tasks, lambda done: bar.show(done, 'measuring and calibrating'))
+    rows = measured_rows(machine_name, spreads, environment, results)
+    return {title: row * _scale(machine) for title, row in rows.items()}
+
+
+def _compute(console, machine, spreads, geometry, machines, poses, seed, cluster, out):
     """Return the `_Result`; figures are drawn into `out` if it is not None."""
     from pkm_core.design.budget import linear_budget
     from pkm_core.design.budget_figures import draw_contributions, draw_distribution, draw_map
@@ -66,17 +99,24 @@ def _compute(console, machine, spreads, machines, poses, seed, cluster, out):
     with progress_bar(console, -(-machines // MACHINES_A_BLOCK) + 2) as bar:
         bar.step('first order')
         q = study_poses(machine, poses, seed)
-        linear = linear_budget(machine, spreads, q)
+        linear = linear_budget(machine, spreads, q, geometry)
         start = time.perf_counter()
         simulated = monte_carlo_budget(
-            machine, spreads, q, machines, seed, cluster or None, lambda: bar.step('building and measuring machines')
+            machine,
+            spreads,
+            q,
+            machines,
+            seed,
+            cluster or None,
+            lambda: bar.step('building and measuring machines'),
+            geometry,
         )
         seconds = time.perf_counter() - start
         if out:
             bar.step('figures')
             draw_distribution(out, machine, linear, simulated)
             draw_contributions(out, machine, linear)
-            draw_map(out, machine, spreads, seed)
+            draw_map(out, machine, spreads, seed, geometry)
     return _Result(linear, simulated, seconds)
 
 
@@ -106,26 +146,33 @@ def _errors(machine, result):
 
 
 def _figures(machine, result):
-    from pkm_core.design.units import units
-
-    names = [f'{name}_{unit}' for name, (_, unit) in zip(machine.coordinates, units(machine), strict=True)]
     scale = _scale(machine)
     return {
         'seconds': result.seconds,
-        'error': {title: dict(zip(names, row, strict=True)) for title, row in _errors(machine, result).items()},
+        'error': _named(machine, _errors(machine, result)),
         'shares_of_variance': {
             group: dict(zip(machine.coordinates, row, strict=True)) for group, row in result.linear.shares().items()
         },
-        'sources': {
-            name: dict(zip(names, scale * row, strict=True)) for name, row in result.linear.source_deviations().items()
-        },
+        'sources': _named(machine, {name: scale * row for name, row in result.linear.source_deviations().items()}),
     }
 
 
-def _print(console, machine, result, machines, poses):
+def _named(machine, rows):
+    """Return {what: {coordinate and unit: number}} of {what: row (m,)}."""
     from pkm_core.design.units import units
 
-    headings = [f'{name} [{unit}]' for name, (_, unit) in zip(machine.coordinates, units(machine), strict=True)]
+    names = [f'{name}_{unit}' for name, (_, unit) in zip(machine.coordinates, units(machine), strict=True)]
+    return {title: dict(zip(names, row, strict=True)) for title, row in rows.items()}
+
+
+def _headings(machine):
+    from pkm_core.design.units import units
+
+    return [f'{name} [{unit}]' for name, (_, unit) in zip(machine.coordinates, units(machine), strict=True)]
+
+
+def _print(console, machine, result, machines, poses):
+    headings = _headings(machine)
     title = f'{machine.name}: end-point error, {machines} machines at {poses} poses'
     console.print(_table(title, headings, _errors(machine, result)))
     shares = {group: 100.0 * row for group, row in result.linear.shares().items()}
@@ -135,5 +182,5 @@ def _print(console, machine, result, machines, poses):
     console.print(f'{machines} machines simulated in {result.seconds:.2f} s')
 
 
-def _table(title, headings, rows):
-    return table(title, ['', *headings], [(name, *(f'{value:.2f}' for value in row)) for name, row in rows.items()])
+def _table(title, headings, rows, form='.2f'):
+    return table(title, ['', *headings], [(name, *(f'{value:{form}}' for value in row)) for name, row in rows.items()])

@@ -53,8 +53,8 @@ TolerancesOption = Annotated[str, typer.Option(help='Tolerances of config/design
 EnvironmentOption = Annotated[
     str,
     typer.Option(
-        help='Level of imperfections of the simulated machine: ideal, nominal, hard, elastic (four_dof only), or '
-        'another section of config/truth.'
+        help='Level of imperfections of the simulated machine: ideal, nominal, hard, geometric, elastic (four_dof '
+        'only), or another section of config/truth.'
     ),
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help='Seed of the random numbers; the same seed gives the same bits.')]

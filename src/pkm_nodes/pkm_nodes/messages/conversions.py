@@ -38,7 +38,14 @@ def learns(message):
 
 
 def trajectory_to_msg(
-    trajectory, *, cycle, motion, learning_law='none', kind=SampledTrajectoryMessage.MOTION, feedforward=None
+    trajectory,
+    *,
+    cycle,
+    motion,
+    learning_law='none',
+    kind=SampledTrajectoryMessage.MOTION,
+    feedforward=None,
+    geometry='',
 ):
     """
     Return a trajectory as a message.
@@ -55,6 +62,8 @@ def trajectory_to_msg(
         MOTION or IDENTIFICATION of the message.
     feedforward : ndarray, shape (N, joints), optional
         [V] learned feedforward for the cycle; without it the controllers keep theirs.
+    geometry : str
+        Hash of the kinematics it was computed with, '' if it is not to be checked.
 
     """
     message = SampledTrajectoryMessage(
@@ -62,6 +71,7 @@ def trajectory_to_msg(
         kind=kind,
         motion=motion,
         learning_law=learning_law,
+        geometry=geometry,
         sample_time=trajectory.sample_time,
         coordinates=list(trajectory.coordinates),
         move_starts=[int(i) for i in trajectory.move_starts],

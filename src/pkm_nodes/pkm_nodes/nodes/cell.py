@@ -4,6 +4,7 @@ from rclpy.parameter import Parameter
 
 from pkm_core.errors import ConfigError
 from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, names_in
+from pkm_nodes.nodes.calibration import CalibrationNode
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.nodes.identification import IdentificationNode
 from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
@@ -26,6 +27,7 @@ NODES = {
     'state_estimator': StateEstimatorNode,
     'learning': LearningNode,
     'identification': IdentificationNode,
+    'calibration': CalibrationNode,
     'recorder': RecorderNode,
 }
 

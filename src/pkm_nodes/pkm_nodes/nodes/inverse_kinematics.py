@@ -1,7 +1,7 @@
 """Node `inverse_kinematics`: pose_trajectory in, joint_trajectory out, once per cycle, position to jerk."""
 
 from pkm_core.errors import PkmError
-from pkm_core.machines import load_machine
+from pkm_core.machines.geometry import load_geometry
 from pkm_core.motion.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
@@ -12,6 +12,7 @@ from pkm_nodes.messages.conversions import (
     trajectory_to_msg,
 )
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
 
@@ -21,8 +22,9 @@ class InverseKinematicsNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('inverse_kinematics', **kwargs)
-        self._machine = load_machine(self.machine_setting())
+        geometry = load_geometry(self.machine_setting())
         self.check_settings()
+        self._geometry = NodeGeometry(self, geometry)
         self._events = CycleEvents(self, 'inverse_kinematics')
         self._publisher = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
         subscribe_one(self, SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
@@ -30,8 +32,9 @@ class InverseKinematicsNode(PkmNode):
     def _on_poses(self, message):
         if is_identification(message):  # planned in joints: its sender publishes the joint_trajectory
             return
-        machine = self._machine
+        machine = self._geometry.machine
         try:
+            self._geometry.refuse_another(message)
             poses = trajectory_from_msg(message, coordinates=machine.coordinates, sample_time=machine.sample_time)
             joints = to_joints(machine, poses)
             feedforward = feedforward_from_msg(message, joints.position.shape)
@@ -46,6 +49,7 @@ class InverseKinematicsNode(PkmNode):
                 motion=message.motion,
                 learning_law=message.learning_law,
                 feedforward=feedforward,
+                geometry=self._geometry.geometry.digest,
             )
         )
 

@@ -83,7 +83,7 @@ def run(
     goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned)
     cell = {'control': controller, 'seed': seed, 'environment': environment, 'without': without or []}
     # refuses unknown names before a process starts
-    cell_nodes(machine_name, control=controller, without=cell['without'])
+    cell_nodes(machine_name, control=controller, seed=seed, environment=environment, without=cell['without'])
     out = run_folder(out, goal.machine.name)
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
