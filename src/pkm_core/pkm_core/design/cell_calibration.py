@@ -1,5 +1,6 @@
 """
-Steps of a calibration in a running cell that need no ROS: plan, fit and check. They run in a worker process.
+Steps of a calibration in a running cell that need no ROS: plan, fit and check. They run in a worker process. The
+node that submits them starts without scipy.
 
 The poses of the fit and those of the verification are visited in the same cycles. A calibration is accepted if it
 predicts the verification poses better than the geometry in use. After it has been taken up, the verification poses are
@@ -19,8 +20,6 @@ from pkm_core.design.calibration_study import CalibrationStudy
 from pkm_core.design.information import weakest_direction
 from pkm_core.design.measurement import load_laser, write_measurements
 from pkm_core.design.pose_plan import plan_poses, spread_poses
-from pkm_core.design.rest_bags import rests_from_bag
-from pkm_core.design.rests import joined
 from pkm_core.design.tolerances import load_tolerances
 from pkm_core.design.verification import FEWEST_HELD, Verification, verify
 from pkm_core.errors import PkmError
@@ -107,6 +106,9 @@ class CellCalibration:
 
 def measure(machine, bags, namespace, averaging):
     """Return the `Measurements` of the rests in `bags`, one per cycle, in order."""
+    from pkm_core.design.rest_bags import rests_from_bag
+    from pkm_core.design.rests import joined
+
     laser = load_laser()
     return joined([rests_from_bag(bag, machine, laser, namespace=namespace, averaged=averaging) for bag in bags])
 
