@@ -41,6 +41,11 @@ class Monitor:
     law. A restart is also right after a change of the machine. If the error diverges again within `RETRY` cycles,
     learning of this joint ends and the best feedforward is kept.
 
+    Parameters
+    ----------
+    joint, signal : str
+        Names of what is monitored and of the learned signal, for messages.
+
     Attributes
     ----------
     best : ndarray, shape (N,)
@@ -48,8 +53,8 @@ class Monitor:
 
     """
 
-    def __init__(self, joint):
-        self.joint = joint
+    def __init__(self, joint, signal='feedforward'):
+        self.joint, self._signal = joint, signal
         self.best = np.zeros(0)
         self._returned = self._ended = False
         self._begin()
@@ -95,7 +100,7 @@ class Monitor:
         self._returned = True
         message = (
             f'learning of {self.joint} diverges: {", ".join(f"{1e6 * rms:.1f}" for rms in self._recent)} um rms in the '
-            f'last cycles; returned to the feedforward with {1e6 * self._lowest:.1f} um, '
+            f'last cycles; returned to the {self._signal} with {1e6 * self._lowest:.1f} um, '
             + ('learning ends after the second divergence' if self._ended else 'learning restarts')
         )
         self._begin()
