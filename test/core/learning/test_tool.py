@@ -18,7 +18,7 @@ from pkm_core.learning.tool_law import ToolLaw, load_tool_law
 from pkm_core.machines import load_machine
 from pkm_core.machines.laser_clock import sample_numbers
 from pkm_core.motion.planning import default_motion, load_motion, plan
-from pkm_core.motion.trajectory import to_joints
+from pkm_core.motion.trajectory import added, to_joints
 from pkm_core.simulation.cycles import run_cycles
 
 UM = 1e6
@@ -82,16 +82,11 @@ def test_derivatives_are_those_of_the_corrected_position():
     tick = np.arange(len(joints))[:, np.newaxis]
     angle = 2 * np.pi * 20 * tick / len(joints) * np.ones(2)  # 56 Hz
     w = 2 * np.pi * 20 / (len(joints) * machine.sample_time)
-    found = law.corrected(1e-6 * np.sin(angle))
+    found = added(joints, law.motion_of(1e-6 * np.sin(angle)))
     for order, name in enumerate(('position', 'velocity', 'acceleration', 'jerk')):
-        added = getattr(found, name) - getattr(joints, name)
+        part = getattr(found, name) - getattr(joints, name)
         wanted = 1e-6 * w**order * np.sin(angle + order * np.pi / 2)
-        np.testing.assert_allclose(added, wanted, atol=1e-6 * 1e-6 * w**order + 1e-9 * abs(getattr(joints, name)).max())
-
-
-def test_reference_without_correction_is_the_planned_one():
-    law, (_, _, joints, _) = tool_law(), planned('planar')
-    assert law.corrected(np.zeros_like(joints.position)) is joints
+        np.testing.assert_allclose(part, wanted, atol=1e-6 * 1e-6 * w**order + 1e-9 * abs(getattr(joints, name)).max())
 
 
 @pytest.mark.parametrize('name', ['planar', 'four_dof'])

@@ -51,12 +51,12 @@ def check_record(time, displacement, duration, coordinates, largest_gap):
         Names of the m columns.
 
     """
+    if not time.size:
+        raise LearningError(f'laser: no sample in a cycle of {1e3 * duration:g} ms')
     if displacement.shape != (time.size, len(coordinates)):
         raise LearningError(
             f'laser: displacement has shape {displacement.shape}; expected ({time.size}, {len(coordinates)})'
         )
-    if not time.size:
-        raise LearningError(f'laser: no sample in a cycle of {1e3 * duration:g} ms')
     if not np.isfinite(displacement).all():
         row, column = np.argwhere(~np.isfinite(displacement))[0]
         raise LearningError(

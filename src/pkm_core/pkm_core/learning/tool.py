@@ -9,7 +9,7 @@ from pkm_core.learning.monitor import Monitor
 from pkm_core.learning.store import design_hash
 from pkm_core.learning.tool_convergence import check_tool_law
 from pkm_core.learning.tool_law import ToolLaw, load_tool_law
-from pkm_core.motion.trajectory import checked_cycle
+from pkm_core.motion.trajectory import added, checked_cycle
 
 # verdicts of laws that have passed their test, by everything it depends on
 _passed: dict[tuple, str] = {}
@@ -59,10 +59,12 @@ class ToolLearning:
 
     Attributes
     ----------
-    reference : SampledTrajectory
-        In joints, of the next cycle.
     correction : ndarray, shape (N, n)
-        Its difference from the planned motion [m].
+        Of the next cycle [m].
+    motion : SampledTrajectory
+        The correction with its derivatives.
+    reference : SampledTrajectory
+        In joints, of the next cycle: the planned motion plus `motion`.
 
     """
 
@@ -70,10 +72,18 @@ class ToolLearning:
         self.law = law
         self._monitor, self._iteration = Monitor('the tool', 'correction'), 0
         self._held = ''  # why the last cycle changed nothing
-        self._use(np.zeros_like(law.joints.position), law.joints)
+        self.correction = np.zeros_like(law.joints.position)
+        self.motion, self.reference = law.motion_of(self.correction), law.joints
 
-    def _use(self, correction, reference):
-        self.correction, self.reference = correction, reference
+    @property
+    def is_held(self):
+        """Whether the last cycle changed nothing, because a measurement was missing or a limit would be exceeded."""
+        return bool(self._held)
+
+    def hold(self, reason):
+        """Keep the correction for another cycle; return a notice in the first of several such cycles, else ''."""
+        held, self._held = self._held, reason
+        return '' if held else f'learning at the tool: {reason}; the correction is kept, only the joints learn'
 
     def after_cycle(self, error, first_tick, time, displacement):
         """
@@ -90,16 +100,15 @@ class ToolLearning:
             As for `ToolLaw.tool_error`.
 
         """
-        held, self._held, message = self._held, '', ''
         try:
             tool_error = self.law.tool_error(first_tick, time, displacement)
             if error.shape != tool_error.shape or not np.isfinite(error).all():
                 raise LearningError(f'encoder errors {error.shape}; expected finite values of shape {tool_error.shape}')
             message = self._learn(tool_error, error)
         except PkmError as reason:
-            self._held = str(reason)
-            return '' if held else f'learning at the tool: {reason}; the correction is kept, only the joints learn'
-        return '; '.join(filter(None, ['learning at the tool continues' if held else '', message]))
+            return self.hold(str(reason))
+        back, self._held = 'learning at the tool continues' if self._held else '', ''
+        return '; '.join(filter(None, [back, message]))
 
     def _learn(self, tool_error, error):
         decision = self._monitor.observe(tool_error, self.correction)
@@ -107,6 +116,8 @@ class ToolLearning:
         following = decision.feedforward
         if decision.learn:
             following = self.law.update(following, tool_error, error, self._iteration)
-        self._use(following, checked_cycle(self.law.machine, self.law.corrected(following)))
+        motion = self.law.motion_of(following)
+        reference = checked_cycle(self.law.machine, added(self.law.joints, motion))
+        self.correction, self.motion, self.reference = following, motion, reference
         self._iteration += decision.learn
         return decision.message

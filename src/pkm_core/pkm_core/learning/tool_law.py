@@ -146,12 +146,9 @@ class ToolLaw:
         change = np.fft.irfft(self._weight * np.fft.rfft(tool_error - error, axis=0), len(error), axis=0)
         return correction + gain * (change - change[self._home].mean(axis=0))
 
-    def corrected(self, correction):
-        """Return the `SampledTrajectory` in joints with `correction` (N, n) [m] added, up to the jerk."""
-        if not correction.any():
-            return self.joints
+    def motion_of(self, correction):
+        """Return `correction` (N, n) [m] with the derivatives of its Fourier series, as a `SampledTrajectory`."""
         spectrum, slope = np.fft.rfft(correction, axis=0), (2j * np.pi * self._frequency)[:, np.newaxis]
-        parts = [correction, *(np.fft.irfft(spectrum * slope**order, len(correction), axis=0) for order in (1, 2, 3))]
-        rows = [row + part for row, part in zip(self.joints.derivatives(), parts, strict=True)]
+        rows = [np.fft.irfft(spectrum * slope**order, len(correction), axis=0) for order in (1, 2, 3)]
         moves = self.joints.move_starts, self.joints.move_ends
-        return SampledTrajectory(self.joints.sample_time, self.joints.coordinates, *rows, *moves)
+        return SampledTrajectory(self.joints.sample_time, self.joints.coordinates, correction, *rows, *moves)

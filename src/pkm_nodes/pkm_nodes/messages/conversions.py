@@ -38,7 +38,14 @@ def learns(message):
 
 
 def trajectory_to_msg(
-    trajectory, *, cycle, motion, learning_law='none', kind=SampledTrajectoryMessage.MOTION, feedforward=None
+    trajectory,
+    *,
+    cycle,
+    motion,
+    learning_law='none',
+    kind=SampledTrajectoryMessage.MOTION,
+    feedforward=None,
+    planned='',
 ):
     """
     Return a trajectory as a message.
@@ -55,6 +62,8 @@ def trajectory_to_msg(
         MOTION or IDENTIFICATION of the message.
     feedforward : ndarray, shape (N, joints), optional
         [V] learned feedforward for the cycle; without it the controllers keep theirs.
+    planned : str
+        Digest of the planned positions, if `trajectory` has a correction learned at the tool.
 
     """
     message = SampledTrajectoryMessage(
@@ -62,6 +71,7 @@ def trajectory_to_msg(
         kind=kind,
         motion=motion,
         learning_law=learning_law,
+        planned=planned,
         sample_time=trajectory.sample_time,
         coordinates=list(trajectory.coordinates),
         move_starts=[int(i) for i in trajectory.move_starts],

@@ -2,7 +2,7 @@
 
 from rclpy.parameter import Parameter
 
-from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, names_in
+from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, learning_target, names_in
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.nodes.identification import IdentificationNode
 from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
@@ -11,6 +11,7 @@ from pkm_nodes.nodes.learning import LearningNode
 from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
+from pkm_nodes.nodes.tool_learning import ToolLearningNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from pkm_nodes.runtime.node import PLUGINS, PkmNode, entry_point
 from pkm_nodes.runtime.session import new_session
@@ -23,6 +24,7 @@ NODES = {
     'computed_torque_controller': ComputedTorqueControllerNode,
     'state_estimator': StateEstimatorNode,
     'learning': LearningNode,
+    'tool_learning': ToolLearningNode,
     'identification': IdentificationNode,
     'recorder': RecorderNode,
 }
@@ -44,6 +46,7 @@ class CellNode(PkmNode):
             without=names_in(self.setting('without', '', WITHOUT)),
             plugins=self.setting('plugins', '', PLUGINS),
             learned=self.setting('learned', '', 'folder in which learning/save may write; by default beside folder'),
+            learning_target=learning_target(self),
         )
         self.check_settings()
 

@@ -1,17 +1,24 @@
-"""Node `inverse_kinematics`: pose_trajectory in, joint_trajectory out, once per cycle, position to jerk."""
+"""
+Node `inverse_kinematics`: pose_trajectory in, joint_trajectory out, once per cycle, position to jerk.
+
+With the learning target `tool` the correction of node `tool_learning` is added to the cycles that are learned.
+"""
 
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
+from pkm_nodes.graph import learning_target
 from pkm_nodes.messages.conversions import (
     feedforward_from_msg,
     is_identification,
+    learns,
     trajectory_from_msg,
     trajectory_to_msg,
 )
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.reference_correction import ReferenceCorrection
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
 
 
@@ -21,8 +28,10 @@ class InverseKinematicsNode(PkmNode):
     def __init__(self, **kwargs):
         super().__init__('inverse_kinematics', **kwargs)
         self._machine = load_machine(self.machine_setting())
+        at_tool = learning_target(self) == 'tool'
         self.check_settings()
         self._events = CycleEvents(self, 'inverse_kinematics')
+        self._correction = ReferenceCorrection(self, self._machine, self._events) if at_tool else None
         self._publisher = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
         self.create_subscription(SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
 
@@ -38,15 +47,23 @@ class InverseKinematicsNode(PkmNode):
             self.get_logger().error(f'pose_trajectory refused: {error}')
             self._events.publish(CycleEvent.REFUSED, message.cycle, message=str(error))
             return
-        self._publisher.publish(
-            trajectory_to_msg(
-                joints,
-                cycle=message.cycle,
-                motion=message.motion,
-                learning_law=message.learning_law,
-                feedforward=feedforward,
+
+        def send(trajectory, planned=''):
+            self._publisher.publish(
+                trajectory_to_msg(
+                    trajectory,
+                    cycle=message.cycle,
+                    motion=message.motion,
+                    learning_law=message.learning_law,
+                    feedforward=feedforward,
+                    planned=planned,
+                )
             )
-        )
+
+        if self._correction is not None and learns(message):
+            self._correction.add(message.cycle, joints, send)
+        else:
+            send(joints)
 
 
 main = entry_point(InverseKinematicsNode)

@@ -11,8 +11,9 @@ from pkm_core.arrangement import Arrangement
 from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import PkmError
 from pkm_core.files import write_json
-from pkm_core.learning import law_file
+from pkm_core.learning import law_file, make_law
 from pkm_core.learning.initial import first_feedforward
+from pkm_core.learning.tool import make_tool_law
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan
 from pkm_core.motion.trajectory import to_joints
@@ -27,6 +28,7 @@ from pkm_core.verbs.options import (
     CyclesOption,
     EnvironmentOption,
     JsonOption,
+    LearningTargetOption,
     MachineOption,
     MotionOption,
     NamespaceOption,
@@ -58,6 +60,7 @@ def run(
     environment: EnvironmentOption = 'nominal',
     namespace: NamespaceOption = NAMESPACE,
     arrangement: CellArrangementOption = Arrangement.composed,
+    learning_target: LearningTargetOption = 'joints',
     without: Annotated[
         list[str] | None,
         typer.Option(metavar='NODE', help='Do not start this node, because another node replaces it; repeatable.'),
@@ -72,14 +75,17 @@ def run(
 
     Example: `pkm run --cycles 12 --law fourier_pid --arrangement processes`
 
+    Example: `pkm run --machine planar --cycles 20 --learning-target tool`
+
     Example: `pkm run --without joint_controller_d3`
     """
     console = Output()
     namespace = namespace_of(namespace)
-    goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned)
+    goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned, learning_target)
     cell = {'control': controller, 'seed': seed, 'environment': environment, 'without': without or []}
+    cell |= {'learning_target': learning_target}
     # refuses unknown names before a process starts
-    cell_nodes(machine_name, control=controller, without=cell['without'])
+    cell_nodes(machine_name, control=controller, without=cell['without'], learning_target=learning_target)
     out = run_folder(out, goal.machine.name)
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
@@ -122,11 +128,12 @@ class _Goal:
         return {'plugins': law, 'learned': self.save_learned.resolve().parent if self.save_learned else ''}
 
     @classmethod
-    def checked(cls, machine_name, motion, cycles, law, controller, learned, save_learned):
+    def checked(cls, machine_name, motion, cycles, law, controller, learned, save_learned, learning_target):
         """Return the goal of these options of the verb; `PkmError` if the cell would refuse it."""
         machine = load_machine(machine_name)
         motion = motion or default_motion(machine)
-        joints = to_joints(machine, plan(machine, load_motion(motion)))
+        poses = plan(machine, load_motion(motion))
+        joints = to_joints(machine, poses)
         gains = choose_control(machine, controller)
         kind = kind_of(gains)
         law = law or (_LAW if kind == 'robust' else 'none')
@@ -136,6 +143,10 @@ class _Goal:
                 raise PkmError(f'--law: {law!r} given; --controller {controller} does not learn, expected none')
         elif save_learned:
             raise PkmError('--save-learned: given with --law none, which learns nothing; expected a learning law')
+        if learning_target == 'tool':
+            if law == 'none':
+                raise PkmError('--learning-target: tool given with --law none, which learns nothing; expected a law')
+            make_tool_law(machine, gains, make_law(law, machine, gains), poses, joints)
         if learned:
             first_feedforward(learned, machine, Path(motion).stem, law, gains, joints)
         return cls(machine, motion, cycles, law, learned, save_learned)
