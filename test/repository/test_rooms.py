@@ -21,8 +21,8 @@ CORE = {
     'bag': 'motion machines',
     'identification': 'control machines motion bag',
     'recording': 'bag machines control',
-    'simulation': 'plant control learning identification motion machines',
-    'design': 'machines thesis',
+    'design': 'machines motion bag thesis',
+    'simulation': 'plant control learning identification motion machines design',
     'reporting': 'bag machines motion thesis recording',
     'experiments': 'machines motion plant control thesis tuning learning bag identification recording simulation '
     'design reporting',

@@ -1,5 +1,7 @@
 """Calibration: recovers a specimen within the stated uncertainty; identifiability, files, refusals."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from pkm_core.design.specimen import end_point
 from pkm_core.design.tolerances import load_tolerances
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
+from pkm_core.machines.identity import Specimen
 from pkm_core.plant.plant import Plant
 from pkm_core.plant.specimen import assemble
 from pkm_core.plant.truth import load_truth
@@ -80,7 +83,8 @@ def plant_specimen(seed):
     q = study_poses(FOUR_DOF, 60, seed=3)
     pose = specimen.end_point(q - specimen.encoder_offset, np.zeros((60, 0)))
     step = 0.91e-6 * np.array([1.0, 1.0, 1.0, 1.0 / 0.05])
-    return specimen, Measurements(q, step * np.round((pose - pose[0]) / step))
+    readings = step * np.round((pose - pose[0]) / step)
+    return specimen, Measurements(q, readings, specimen=Specimen.simulated('four_dof', seed, 'nominal'))
 
 
 def test_specimen_of_the_plant_is_calibrated():
@@ -121,9 +125,9 @@ def test_calibrated_machine_file_keeps_the_drawing(first, tmp_path):
     again = load_machine(path)
     assert again.name == 'four_dof'
     assert again.drawing.config == FOUR_DOF.config
+    assert again.specimen == Specimen.measured('four_dof')  # the measurements do not name a simulated one
     # written to a nanometre
-    for (name, value), (_, wanted) in zip(again.config.built, found.machine.config.built, strict=True):
-        assert name == 'marks' or value == pytest.approx(wanted, abs=0.6e-9)
+    assert again.config.built.lengths() == pytest.approx(found.machine.config.built.lengths(), abs=0.6e-9)
     assert dict(again.config.built.marks) == pytest.approx(dict(found.machine.config.built.marks), abs=0.6e-9)
     q = study_poses(FOUR_DOF, 50, seed=5)
     np.testing.assert_allclose(again.forward(q), found.machine.forward(q), rtol=0.0, atol=1e-7)  # rad; nanometres
@@ -212,9 +216,15 @@ def test_too_few_or_non_finite_measurements_are_refused():
         calibrated(FOUR_DOF, broken)
 
 
-def test_misfit_is_high_for_errors_outside_the_model():
+def test_misfit_of_errors_outside_the_model_is_refused():
     q = study_poses(FOUR_DOF, 60, seed=6)
     # a guide bent by 20 um over its length, which no length or mark describes
     bent = end_point(FOUR_DOF, q, {'d1': 20e-6 * np.sin((q[:, 0] - 0.0595) / 0.04 * 2.0 * np.pi)})
     seen = Measurements(q, bent - bent[0])
-    assert calibrated(FOUR_DOF, seen).misfit > 3.0
+    noise = LASER.deviation(FOUR_DOF, q)
+    assert calibrate(FOUR_DOF, seen, TOLERANCES, noise, largest_misfit=np.inf).misfit > 3.0
+    with pytest.raises(
+        PkmError, match=r'misfit \d.\d\d of the noise; allowed 1.5; residuals over the noise: x \d'
+    ) as refused:
+        calibrated(FOUR_DOF, seen)
+    assert re.search(r'largest: pose \d+ (x|phi) [+-]\d+', str(refused.value))

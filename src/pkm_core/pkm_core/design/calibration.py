@@ -11,17 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pkm_core.design.specimen import LINKS, OFFSETS, end_point, error_names, sensitivities
+from pkm_core.design.information import check_directions, fewest_poses, parameter_priors
+from pkm_core.design.specimen import end_point, sensitivities
+from pkm_core.design.units import units
 from pkm_core.errors import PkmError
 
+LARGEST_MISFIT = 1.5  # chosen: 80 residuals of a valid model exceed 1.3 once in a million calibrations
+_WORST = 3  # poses named in a refusal
 
-def built_machine(machine, errors):
-    """Return `machine` with a section `built`: lengths and marks of the drawing plus `errors` [m]."""
+
+def built_machine(machine, errors, specimen=None):
+    """Return `machine` with a section `built`: lengths and marks of the drawing plus `errors` [m], of `specimen`."""
     config = machine.config
     drawn = type(machine).Built.as_drawn(config.geometry)
     marks = drawn.marks.model_copy(update={joint: errors.get(joint, 0.0) for joint in machine.joints})
-    off = {name: value + errors.get(name, 0.0) for name, value in drawn if name != 'marks'}
-    built = drawn.model_copy(update={**off, 'marks': marks})
+    off = {name: value + errors.get(name, 0.0) for name, value in drawn.lengths().items()}
+    built = drawn.model_copy(update={**off, 'marks': marks, 'specimen': specimen})
     return type(machine)(config.model_copy(update={'built': built}), machine.name, machine.configuration)
 
 
@@ -52,25 +57,18 @@ class Calibration(NamedTuple):
     misfit: float  # root mean square of the residuals over the measurement's deviation; about 1 for a valid model
 
 
-def parameter_priors(machine, tolerances):
-    """Return {name: standard deviation} [m] of all estimated parameters."""
-    error_names(machine)  # refuses machines without links
-    mechanism = machine.config.mechanism
-    return {
-        **dict.fromkeys(LINKS[mechanism], tolerances.links.deviation),
-        **dict.fromkeys(OFFSETS[mechanism], tolerances.offsets.deviation),
-        **dict.fromkeys(machine.joints, tolerances.encoder_offsets.deviation),
-    }
-
-
-def calibrate(machine, measurements, tolerances, deviation):
+def calibrate(machine, measurements, tolerances, deviation, largest_misfit=LARGEST_MISFIT):
     """
     Return the `Calibration` of `machine` from `measurements`, which have the standard `deviation` (m,).
+
+    A calibration with a misfit above `largest_misfit` is refused: the machine has errors outside this model, or the
+    measurements are disturbed. The refusal has the pattern of the residuals: coordinates and worst poses.
 
     Raises
     ------
     PkmError
-        If there are too few poses, something is not finite, or a tolerance is zero.
+        If there are too few or too similar poses, something is not finite, a tolerance is zero, or the misfit is too
+        large.
     WorkspaceError
         If a reading is outside the travel.
 
@@ -90,9 +88,11 @@ def calibrate(machine, measurements, tolerances, deviation):
     """
     from scipy.optimize import least_squares
 
+    machine = machine.drawing
     priors = parameter_priors(machine, tolerances)
     names, prior = tuple(priors), np.array(list(priors.values()))
-    _check(machine, measurements, priors)
+    _check(machine, measurements, tolerances, priors)
+    check_directions(machine, measurements.q, tolerances, deviation)
 
     def model(scaled):
         return dict(zip(names, prior * scaled, strict=True))
@@ -111,14 +111,36 @@ def calibrate(machine, measurements, tolerances, deviation):
     _, singular, directions = np.linalg.svd(slope(np.zeros(len(names)))[: -len(names)], full_matrices=False)
     poses, coordinates = measurements.displacement.shape
     errors = {name: float(error) for name, error in model(found.x).items()}
+    misfit = float(np.sqrt(np.sum(found.fun[: -len(names)] ** 2) / ((poses - 1) * coordinates)))
+    if not misfit <= largest_misfit:
+        rows = found.fun[: -len(names)].reshape(poses, coordinates)
+        raise PkmError(
+            f'calibration: misfit {misfit:.2f} of the noise; allowed {largest_misfit:g}; '
+            f'{_pattern(machine, rows, deviation)}'
+        )
     return Calibration(
-        built_machine(machine, errors),
+        built_machine(machine, errors, measurements.specimen),
         errors,
         dict(zip(names, (prior * np.sqrt(np.diag(covariance))).tolist(), strict=True)),
         priors,
         Identifiability(names, singular, directions),
-        float(np.sqrt(np.sum(found.fun[: -len(names)] ** 2) / ((poses - 1) * coordinates))),
+        misfit,
     )
+
+
+def _pattern(machine, residuals, deviation):
+    """Return the pattern of `residuals` (N, m), in deviations, as a text: their size by coordinate, the worst poses."""
+    sizes = np.sqrt(np.mean(residuals**2, axis=0))
+    by_coordinate = ', '.join(f'{name} {size:.1f}' for name, size in zip(machine.coordinates, sizes, strict=True))
+    worst = np.argsort(-np.abs(residuals).max(axis=1), kind='stable')[:_WORST]
+    named = []
+    for pose in worst:
+        at = int(np.argmax(np.abs(residuals[pose])))
+        factor, unit = units(machine)[at]
+        named.append(
+            f'pose {pose} {machine.coordinates[at]} {factor * residuals[pose, at] * deviation[at]:+.2f} {unit}'
+        )
+    return f'residuals over the noise: {by_coordinate}; largest: {", ".join(named)}'
 
 
 def _weighted(values, deviation):
@@ -126,12 +148,12 @@ def _weighted(values, deviation):
     return (values - values.mean(axis=0)) / deviation
 
 
-def _check(machine, measurements, priors):
+def _check(machine, measurements, tolerances, priors):
     machine.check_joints(measurements.q)
-    poses, coordinates = measurements.displacement.shape
+    poses = len(measurements.displacement)
     if not np.isfinite(measurements.displacement).all():
         raise PkmError('measurements: a displacement is not finite')
-    fewest = 1 + -(-len(priors) // coordinates)
+    fewest = fewest_poses(machine, tolerances)
     if poses < fewest:
         raise PkmError(f'{poses} poses measured; {len(priors)} unknowns need at least {fewest}')
     for name, deviation in priors.items():

@@ -30,4 +30,22 @@ def load_machine(name_or_path, configuration=None) -> Machine:
     mechanism = _MECHANISMS.get(data.get('mechanism'))
     if mechanism is None:
         raise ConfigError(f'{path}: mechanism: {data.get("mechanism")!r} given; known: {sorted(_MECHANISMS)}')
-    return mechanism(parse_config(data, mechanism.Config, where=str(path)), path.stem, configuration)
+    machine = mechanism(parse_config(data, mechanism.Config, where=str(path)), path.stem, configuration)
+    _check_specimen(path, machine)
+    return machine
+
+
+def _check_specimen(path, machine):
+    """Refuse a section `built` without its specimen, or of another machine than the name of the file."""
+    if getattr(machine.config, 'built', None) is None:
+        return
+    if machine.specimen is None:
+        raise ConfigError(
+            f'{path}: built.specimen: is missing; expected the machine that was measured, as pkm calibrate writes it, '
+            f'or {{machine: {machine.name}, origin: measured machine}}'
+        )
+    if machine.specimen.machine != machine.name:
+        raise ConfigError(
+            f'{path}: built.specimen: lengths of {machine.specimen}; expected those of {machine.name}, the name of the '
+            'file'
+        )

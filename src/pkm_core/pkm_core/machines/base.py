@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from pkm_core.config import Config, Configuration, Inertia, Length, Mass, Speed, Time, Voltage, quantity
 from pkm_core.jet import as_series, value
 from pkm_core.machines.checks import check_between, check_finite, check_last_axis
+from pkm_core.machines.identity import Specimen
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 NotNegativeLength = Annotated[Length, Field(ge=0)]
@@ -139,6 +140,25 @@ class Machine(ABC):
         if getattr(self.config, 'built', None) is None:
             return self
         return type(self)(self.config.model_copy(update={'built': None}), self.name, self.configuration)
+
+    @property
+    def specimen(self) -> Specimen | None:
+        """The built machine that the lengths of the section `built` are of; None for the drawing."""
+        built = getattr(self.config, 'built', None)
+        return None if built is None else built.specimen
+
+    def check_specimen(self, seed: int, environment: str) -> None:
+        """
+        Refuse a simulated machine of another specimen than this calibrated one; the drawing suits every specimen.
+
+        Raises
+        ------
+        ConfigError
+            If the calibrated lengths are of another machine, seed or environment, or of a real machine; both are named.
+
+        """
+        if self.specimen is not None:
+            self.specimen.check(Specimen.simulated(self.name, seed, environment))
 
     def with_configuration(self, configuration: Configuration) -> 'Machine':
         """Return the same machine with models, gains, truth and motions of another `Configuration`."""

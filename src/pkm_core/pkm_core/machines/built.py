@@ -9,29 +9,41 @@ from typing import TYPE_CHECKING, Any
 
 from pkm_core.config import Config, Length
 from pkm_core.machines.base import PositiveLength
+from pkm_core.machines.identity import Specimen
 
 _FARTHEST = 1e-3  # m; chosen: a larger deviation is an error in the file, not of the machine
 
 
 class _Built(Config):
+    specimen: Specimen | None = None  # of the measured machine; a file must name it, see `load_machine`
     if TYPE_CHECKING:  # each mechanism has its own
         marks: Any
 
     @classmethod
+    def names(cls):
+        """Return the names of the lengths."""
+        return tuple(name for name in cls.model_fields if name not in ('specimen', 'marks'))
+
+    def lengths(self):
+        """Return {name: length} [m] without the marks."""
+        return {name: getattr(self, name) for name in self.names()}
+
+    @classmethod
     def as_drawn(cls, geometry):
         """Return the drawn lengths of `geometry`, with all marks zero."""
-        drawn = {name: drawn_length(geometry, name) for name in cls.model_fields if name != 'marks'}
+        drawn = {name: drawn_length(geometry, name) for name in cls.names()}
         marks: Any = cls.model_fields['marks'].annotation
         return cls(**drawn, marks=marks(**dict.fromkeys(marks.model_fields, 0.0)))
 
     def check(self, geometry):
         """Raise ValueError if a value differs from the drawing `geometry` by more than `_FARTHEST`."""
         drawn = self.as_drawn(geometry)
-        for section, mine, other in (('built.', self, drawn), ('built.marks.', self.marks, drawn.marks)):
-            for name, value in other:
-                if name != 'marks' and not abs(getattr(mine, name) - value) <= _FARTHEST:
+        sections = (('built.', self.lengths(), drawn.lengths()), ('built.marks.', dict(self.marks), dict(drawn.marks)))
+        for section, mine, other in sections:
+            for name, value in other.items():
+                if not abs(mine[name] - value) <= _FARTHEST:
                     raise ValueError(
-                        f'{section}{name} {1e3 * getattr(mine, name):g} mm; '
+                        f'{section}{name} {1e3 * mine[name]:g} mm; '
                         f'allowed {1e3 * (value - _FARTHEST):g} to {1e3 * (value + _FARTHEST):g} mm'
                     )
 

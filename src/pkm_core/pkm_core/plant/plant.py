@@ -93,11 +93,17 @@ class Plant:
     environment : str
         A section of that file: 'ideal', 'nominal', 'hard', 'exact', and for four_dof 'elastic'; see truth.py.
 
+    Raises
+    ------
+    PkmError
+        If the seed is refused, or `machine` has the calibrated lengths of another specimen.
+
     """
 
     def __init__(self, machine, seed, environment='nominal'):
         if not isinstance(seed, numbers.Integral) or isinstance(seed, bool) or seed < 0:
             raise PkmError(f'plant: seed {seed!r} given; allowed: whole numbers from 0')
+        machine.check_specimen(seed, environment)
         self.machine = machine
         truth, levels = load_truth(machine, environment)
         self._drive = truth.drive
