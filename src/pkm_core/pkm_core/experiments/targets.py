@@ -1,10 +1,11 @@
 """
 Targets of control and learning, and the values reached: one row per target.
 
-Errors are those of the worst axis of a cycle, by the encoders, over all noise seeds and counted cycles.
+Errors are those of the worst axis of a cycle, by the encoders, over all noise seeds and counted cycles. Those of the
+tool after calibration are in tool_targets.py.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from pkm_core.experiments.condition import conditions, prepared
 from pkm_core.experiments.outcome import counted, spread, worst_axis
 from pkm_core.experiments.random_machines import drive_one
 from pkm_core.experiments.runs import measure
+from pkm_core.experiments.target import Target
+from pkm_core.experiments.tool_targets import tool_target_rows, tool_tasks
 from pkm_core.experiments.transfer import transfer
 from pkm_core.machines import load_machine
 
@@ -30,17 +33,6 @@ LASER = {'x': 0.91, 'y': 0.91, 'z': 0.91, 'phi': 1.82}  # [um], Table 8.3
 LONG = 100  # cycles without drift
 RANDOM_CYCLES, RANDOM_COUNTED = 20, 10
 RANDOM_MACHINES = 10  # per seed
-
-
-@dataclass(frozen=True)
-class Target:
-    """One target: subject, value of the thesis, goal, value reached, and whether it is met (None: reported only)."""
-
-    what: str
-    thesis: str
-    goal: str
-    reached: str
-    met: bool | None
 
 
 def target_tasks(seeds, cycles):
@@ -65,6 +57,7 @@ def target_tasks(seeds, cycles):
             tasks[machine, 'transfer', seed] = (transfer, machine, seed)
         for number in range(RANDOM_MACHINES * seeds):
             tasks[machine, 'random', number] = (random_machine_error, best, number)
+        tasks |= tool_tasks(machine, seeds, cycles)
     return tasks
 
 
@@ -123,6 +116,7 @@ def _machine_rows(machine, found):
         _transfer(name, found['transfer'], goals['transfer']),
         *(_error(f'{name} in {1e3 * t:g} ms, best law', '70 ms', found[f'{t:g}'], g) for t, g in SHORTER.items()),
         *_laser(name, found),
+        *tool_target_rows(machine, name, found),
     ]
 
 

@@ -20,6 +20,7 @@ from pkm_core.motion.trajectory import to_joints
 from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
+from pkm_core.reporting.tool import tool_figures, tool_table
 from pkm_core.verbs.console import Output, progress_bar
 from pkm_core.verbs.options import (
     LAWS,
@@ -107,6 +108,8 @@ def run(
     write_figures(json_file, results)
     plot_cycles(records, out / 'learning.png')
     console.print(cycles_table(goal.machine.name, records))
+    if at_tool := tool_table(records):
+        console.print(at_tool)
     _print_account(console, results, out)
 
 
@@ -200,7 +203,9 @@ def _results(goal, cell, arrangement, hash_of_config, log, records):
         'ticks_per_second_in_cycles': log.ticks / log.seconds_in_cycles,
         'messages': messages(records),
         'notices': log.notices,
-        'cycles': [{'cycle': r.cycle, 'bag': r.path.name, 'axes': cycle_figures(r)} for r in records],
+        'cycles': [
+            {'cycle': r.cycle, 'bag': r.path.name, 'axes': cycle_figures(r), 'tool': tool_figures(r)} for r in records
+        ],
     }
 
 
