@@ -14,6 +14,7 @@ NODES = [
     'learning',
     'tool_learning',
     'identification',
+    'calibration',
     'recorder',
     'cell',
     'dashboard',
@@ -42,6 +43,7 @@ setup(
         'console_scripts': [f'{node} = pkm_nodes.nodes.{node}:main' for node in NODES],
         # verbs that need ROS; pkm_core.cli adds every verb it finds in this group
         'pkm.verbs': [
+            'calibrate-cell = pkm_nodes.verbs.calibrate_cell:calibrate_cell',
             'bench = pkm_nodes.verbs.bench:bench',
             'bag-play = pkm_nodes.verbs.bag_play:bag_play',
             'commission = pkm_nodes.verbs.commission:commission',

@@ -18,6 +18,7 @@ from pkm_nodes.nodes.dashboard import DashboardNode
 from pkm_nodes.nodes.joint_controller import JointControllerNode
 from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.recorder import RecorderNode
+from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 
 ROOT = Path(__file__).parents[2]
 LAYOUTS = ROOT / 'src' / 'pkm_nodes' / 'layouts'
@@ -127,6 +128,7 @@ def test_keys_of_diagnostics_are_documented(graph, machine, tmp_path):
     graph.start(MachineNode)
     graph.start(JointControllerNode)
     graph.start(RecorderNode, folder=str(tmp_path))
+    graph.start(StateEstimatorNode)
     latest = {}
 
     def has_all():

@@ -86,6 +86,10 @@ def beyond_the_travel(message):
     message.position[4 * 9 : 4 * 10] = array('d', pose)
 
 
+def of_another_geometry(message):
+    message.geometry = '0123456789ab'
+
+
 def too_fast(message):
     for index in range(0, len(message.velocity), 4):
         message.velocity[index] *= 20.0
@@ -104,6 +108,7 @@ def too_fast(message):
         (below_the_table, 'row 9: z = -50 mm; allowed 10 to 126.6 mm'),
         (beyond_the_travel, 'row 9: d1 = 59 mm; allowed 59.5 to 99.5 mm'),
         (too_fast, 'allowed 0.8 m/s'),
+        (of_another_geometry, "trajectory of cycle 4: geometry '0123456789ab'; inverse_kinematics has"),
     ],
 )
 def test_infeasible_trajectory_is_refused(graph, poses, joints, pose_message, spoil, text, short_motion):

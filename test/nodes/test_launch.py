@@ -13,7 +13,8 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from pkm_core.errors import PkmError
+from pkm_core.config import find_config
+from pkm_core.errors import ConfigError, PkmError
 from pkm_nodes.graph import cell_nodes
 
 FILE = Path(__file__).parents[2] / 'src' / 'pkm_nodes' / 'launch' / 'cell.launch.py'
@@ -79,6 +80,29 @@ def test_processes_are_the_nodes_of_the_graph(launch):
     for node, spec in zip(nodes, specs, strict=True):
         assert node.parameters == [{'use_sim_time': True, 'session': session, **spec.parameters}]
         assert (node.namespace, node.remappings) == ('/pkm', [])
+
+
+BUILT = """
+built:
+  specimen: {machine: planar, origin: simulated, seed: 3, environment: hard}
+  l2: 70.01 mm
+  l4: 69.99 mm
+  dy: 10 mm
+  marks: {d1: 0 mm, d3: 0 mm}
+"""
+
+
+def test_calibrated_machine_of_another_specimen_has_no_cell(tmp_path):
+    drawing = find_config('machines', 'planar').read_text()
+    path = tmp_path / 'planar.yaml'
+    path.write_text(drawing + BUILT)
+    assert cell_nodes(path, seed=3, environment='hard')
+    for cell in ({'seed': 4, 'environment': 'hard'}, {'seed': 3}):
+        with pytest.raises(
+            ConfigError, match='of specimen planar, seed 3, environment hard; the machine in use is planar'
+        ):
+            cell_nodes(path, **cell)
+    assert cell_nodes(path, without=['machine'])  # another node than the simulated machine is not checked
 
 
 def test_nodes_left_out_are_not_started(launch):

@@ -5,15 +5,18 @@ from math import cos, sin
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pkm_core.design.pose_covariance import PoseCovariance
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_core.machines.description import base_boxes, frames, joint_positions, links, moved
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
+from pkm_nodes.messages.diagnostics import values_of
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 
 
@@ -127,6 +130,31 @@ def test_twist_is_the_mean_speed_of_the_platform(graph, encoders, machine):
     assert speeds == pytest.approx(middle, rel=1e-3)
 
 
+def test_pose_with_covariance_repeats_the_pose(graph, encoders, poses, machine):
+    """Its covariance is that of x, y, z and the rotation about z; the other rotations have none."""
+    spreads = graph.listen(PoseWithCovarianceStamped, 'pose_with_covariance')
+    q = machine.home + np.array([5e-3, 3e-3, -2e-3, 4e-3])
+    encoders.send(0, q)
+    graph.spin_until(lambda: spreads and poses, 'a pose with covariance')
+    assert spreads[0].pose.pose == poses[0].pose
+    assert spreads[0].header == poses[0].header
+    covariance = spreads[0].pose.covariance.reshape(6, 6)
+    rows = np.ix_([0, 1, 2, 5], [0, 1, 2, 5])
+    expected = PoseCovariance(machine).at(q)
+    assert np.array_equal(covariance[rows], expected)
+    assert np.count_nonzero(covariance) == np.count_nonzero(expected)
+    assert 1e-7 < np.sqrt(covariance[0, 0]) < 1e-4, 'micrometres, by the tolerances'
+
+
+def test_diagnostics_say_that_the_machine_is_uncalibrated(graph):
+    received = graph.listen(DiagnosticArray, '/diagnostics')
+    graph.start(StateEstimatorNode, machine='planar')
+    graph.spin_until(lambda: received, 'diagnostics')
+    values = values_of(received[0].status[0])
+    assert values['state'] == 'uncalibrated'
+    assert values['covariance'] == 'manufacturing tolerances'
+
+
 def test_markers_show_every_box_at_its_position(graph, encoders, machine):
     arrays = graph.listen(MarkerArray, 'markers')
     q = machine.home + np.array([1e-3, 2e-3, -3e-3, 4e-3])
@@ -149,10 +177,10 @@ def test_markers_show_every_box_at_its_position(graph, encoders, machine):
         assert (stands.w, stands.x, stands.y, stands.z) == turn
 
 
-def test_twist_and_markers_need_a_subscriber(graph, poses, machine, monkeypatch):
+def test_covariance_twist_and_markers_need_a_subscriber(graph, poses, machine, monkeypatch):
     estimator = graph.start(StateEstimatorNode)
     encoders = Encoders(graph, machine)
-    for publisher in ('_twist_publisher', '_markers_publisher'):
+    for publisher in ('_spread_publisher', '_twist_publisher', '_markers_publisher'):
         monkeypatch.setattr(getattr(estimator, publisher), 'publish', pytest.fail)
     encoders.send(0, machine.home)
     encoders.send(STATES_EVERY, machine.home)

@@ -43,7 +43,7 @@ EXPECTED = {
     'param set': 'Set parameter successful',
     'service call /pkm/machine/reset': 'success=True',
     'pkm report': 'report.html',
-    'pkm calibrate': 'the calibrated machine is ',
+    'pkm calibrate': 'the calibrated machine is ',  # calibrate-cell too
     'pkm convergence': '',
 }
 BLOCK = re.compile(r'(?P<above>[^\n]*)\n```(?P<kind>\w+)(?P<mark>[^\n]*)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)

@@ -70,6 +70,7 @@ class Cell:
                 **values,
                 **moves,
                 feedforward=np.zeros(0),
+                geometry='',
             )
 
     def tick(self, cycle, tick, index, without=(), feedforward=0.0):

@@ -52,6 +52,7 @@ velocity: []
 acceleration: []
 jerk: []
 feedforward: []
+geometry: ''
 ---
 """
 

@@ -132,7 +132,7 @@ def cell_nodes(
     seed, environment : int, str
         Of the simulated machine.
     folder : str or Path
-        Gets the recorder's bags; models and figures go into the folder `identified` beside it.
+        Gets the recorder's bags; models and calibrated machines go into `identified` and `calibrated` beside it.
     record : bool
         Whether there is a recorder; without one the machine does not wait for it.
     without : iterable of str
@@ -143,11 +143,21 @@ def cell_nodes(
         Folder in which learned feedforward may be saved, by default `learned` beside `folder`.
     learning_target : str
         'joints' or 'tool'; the latter adds the node tool_learning.
+
+    Raises
+    ------
+    ConfigError
+        If the machine is calibrated and of another specimen than the simulated machine of the cell.
+
     """
-    joints = load_machine(machine).joints
+    loaded = load_machine(machine)
+    joints = loaded.joints
+    if 'machine' not in without:
+        loaded.check_specimen(seed, environment)
     on_machine = {'machine': str(machine)}
     on_control = {**on_machine, 'control': str(control)}
     with_laws = {**on_control, **({'plugins': plugins} if plugins else {})}  # ROS refuses an empty value
+    calibrated = str(Path(folder).parent / 'calibrated')
     learned = str(learned or Path(folder).parent / 'learned')
     at_tool = checked_target(learning_target) == 'tool'
     target = {'learning_target': 'tool'} if at_tool else {}
@@ -158,12 +168,18 @@ def cell_nodes(
             {**on_machine, 'seed': seed, 'environment': environment, 'wait_for_recorder': record},
             tuple(f'{joint}/encoder' for joint in joints),
         ),
-        NodeSpec('trajectory_generator', 'trajectory_generator', with_laws, ('pose_trajectory',)),
+        NodeSpec(
+            'trajectory_generator',
+            'trajectory_generator',
+            {**with_laws, 'calibrated': calibrated},
+            ('pose_trajectory',),
+        ),
         NodeSpec('inverse_kinematics', 'inverse_kinematics', on_machine | target, ('joint_trajectory',)),
         *controller_nodes(machine, control),
         NodeSpec('state_estimator', 'state_estimator', on_machine, ('pose', 'joint_states')),
         NodeSpec('learning', 'learning', {**with_laws, 'folder': learned}, ('learning/update',)),
         NodeSpec('identification', 'identification', {**on_control, 'folder': str(Path(folder).parent / 'identified')}),
+        NodeSpec('calibration', 'calibration', {**on_machine, 'folder': calibrated}),
     ]
     if at_tool:
         nodes.append(NodeSpec('tool_learning', 'tool_learning', with_laws, ('joint_correction',)))

@@ -18,6 +18,7 @@ from pkm_core.design.measurement import (
 )
 from pkm_core.design.specimen import end_point
 from pkm_core.design.tolerances import load_tolerances
+from pkm_core.design.verification import verify
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.machines.identity import Specimen
@@ -136,6 +137,63 @@ def test_calibrated_machine_file_keeps_the_drawing(first, tmp_path):
     assert (tmp_path / 'again.yaml').read_text() == path.read_text()
 
 
+def file_of(found, path, specimen=None):
+    """Write the calibrated machine `found`, of `specimen`, and return the path."""
+    built = found.machine.config.built.model_copy(update={'specimen': specimen})
+    config = found.machine.config.model_copy(update={'built': built})
+    machine = type(found.machine)(config, found.machine.name, found.machine.configuration)
+    write_calibrated_machine(path, found.machine.name, found._replace(machine=machine), 'a test')
+    return path
+
+
+def test_calibrated_machine_runs_its_own_specimen_only(first, tmp_path):
+    known = load_machine(file_of(first[1], tmp_path / 'four_dof.yaml', Specimen.simulated('four_dof', 3, 'nominal')))
+    assert Plant(known, 3, 'nominal').machine.specimen == known.specimen
+    Plant(known.drawing, 4, 'hard')  # the drawing suits every specimen
+    for seed, environment in ((4, 'nominal'), (3, 'hard')):
+        text = (
+            'the calibrated lengths are of specimen four_dof, seed 3, environment nominal; '
+            f'the machine in use is four_dof, seed {seed}, environment {environment}; expected the same one'
+        )
+        with pytest.raises(PkmError, match=text):
+            Plant(known, seed, environment)
+
+
+def test_lengths_of_a_real_machine_are_not_simulated(first, tmp_path):
+    known = load_machine(file_of(first[1], tmp_path / 'four_dof.yaml'))
+    with pytest.raises(
+        PkmError, match='of specimen four_dof, measured machine; the machine in use is four_dof, seed 1'
+    ):
+        Plant(known, 1, 'nominal')
+
+
+def test_calibrated_file_of_another_machine_is_refused(first, tmp_path):
+    path = file_of(first[1], tmp_path / 'second_arm.yaml', Specimen.simulated('four_dof', 3, 'hard'))
+    with pytest.raises(
+        ConfigError, match='lengths of four_dof, seed 3, environment hard; expected those of second_arm'
+    ):
+        load_machine(path)
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        ('', r'built\.specimen: is missing; expected the machine that was measured'),
+        ('{machine: four_dof, origin: simulated, seed: 1}', r'simulated with seed 1, environment None; expected both'),
+        ('{machine: four_dof, origin: measured machine, seed: 1}', r'measured machine with seed 1'),
+        ('{machine: four_dof, origin: found}', r"built\.specimen\.origin: 'found' given"),
+        ('{machine: four_dof, origin: simulated, seed: -1, environment: hard}', r'built\.specimen\.seed: -1 given'),
+    ],
+)
+def test_calibrated_file_with_a_bad_specimen_is_refused(first, given, message, tmp_path):
+    path = file_of(first[1], tmp_path / 'four_dof.yaml')
+    line = '  specimen: {machine: four_dof, origin: measured machine}\n'
+    assert line in path.read_text()
+    path.write_text(path.read_text().replace(line, f'  specimen: {given}\n' if given else ''))
+    with pytest.raises(ConfigError, match=message):
+        load_machine(path)
+
+
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
@@ -175,12 +233,44 @@ def test_calibrated_machine_file_reduces_positioning_errors(tmp_path):
     assert (after < 0.15 * before).all()
 
 
-def test_measurements_file_round_trips(tmp_path):
+@pytest.mark.parametrize('specimen', [Specimen.simulated('four_dof', 5, 'hard'), Specimen.measured('four_dof')])
+def test_measurements_file_round_trips(specimen, tmp_path):
     _, seen = measured(FOUR_DOF, seed=5, poses=10)
+    seen = seen._replace(specimen=specimen, deviation=np.array([0.1e-6, 0.2e-6, 0.3e-6, 1.5e-6]))
     write_measurements(tmp_path / 'laser.csv', FOUR_DOF, seen)
     again = read_measurements(tmp_path / 'laser.csv', FOUR_DOF)
     np.testing.assert_allclose(again.q, seen.q, atol=1e-12)
     np.testing.assert_allclose(again.displacement, seen.displacement, atol=1e-12)
+    np.testing.assert_allclose(again.deviation, seen.deviation, atol=1e-12)
+    assert again.specimen == specimen
+
+
+def test_measurements_without_a_specimen_are_of_a_real_machine(tmp_path):
+    write_measurements(tmp_path / 'laser.csv', FOUR_DOF, measured(FOUR_DOF, seed=5, poses=10)[1])
+    again = read_measurements(tmp_path / 'laser.csv', FOUR_DOF)
+    assert again.specimen == Specimen.measured('four_dof')
+    assert again.deviation is None  # single readings
+
+
+@pytest.mark.parametrize(
+    ('remark', 'message'),
+    [
+        (
+            '# specimen: planar, seed 1, environment hard',
+            'planar, seed 1, environment hard; expected a specimen of four',
+        ),
+        ('# specimen: whatever', "line 1: specimen: 'whatever' given; expected 'MACHINE, seed N"),
+        ('# deviation: 0.1, 0.1, 0.1', 'line 1: 3 deviations; expected 4'),
+        ('# deviation: 0.1, 0.1, none, 0.1', 'line 1: could not convert'),
+        ('# deviation: 0.1, 0.1, 0, 0.1', 'deviation .* allowed above 0'),
+    ],
+)
+def test_bad_remark_of_measurements_is_refused(remark, message, tmp_path):
+    path = tmp_path / 'laser.csv'
+    write_measurements(path, FOUR_DOF, measured(FOUR_DOF, seed=5, poses=10)[1])
+    path.write_text(f'{remark}\n{path.read_text()}')
+    with pytest.raises(PkmError, match=message):
+        read_measurements(path, FOUR_DOF)
 
 
 @pytest.mark.parametrize(
@@ -228,3 +318,24 @@ def test_misfit_of_errors_outside_the_model_is_refused():
     ) as refused:
         calibrated(FOUR_DOF, seen)
     assert re.search(r'largest: pose \d+ (x|phi) [+-]\d+', str(refused.value))
+
+
+def test_verification_names_the_coordinates_that_are_worse(first):
+    _, found, held = first
+    noise = LASER.deviation(FOUR_DOF, held.q)
+    done = verify(FOUR_DOF, found.machine, held, noise)
+    assert done.accepted
+    assert done.better == FOUR_DOF.coordinates
+    assert (done.after < 0.2 * done.before)[:2].all()
+    back = verify(found.machine, FOUR_DOF, held, noise)
+    assert not back.accepted
+    assert set(back.worse) >= {'x', 'y', 'phi'}
+    assert back.reasons(FOUR_DOF)[0].startswith(f'x: error at {len(held.q)} other poses ')
+    # a repeated calibration that differs by the noise only is no reason to go back
+    assert verify(found.machine, found.machine, held, noise).accepted
+
+
+def test_verification_at_few_poses_is_refused(first):
+    _, found, held = first
+    with pytest.raises(PkmError, match='verification: 3 poses; allowed from 4'):
+        verify(FOUR_DOF, found.machine, held.rows(slice(3)), LASER.deviation(FOUR_DOF, held.q))

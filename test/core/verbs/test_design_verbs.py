@@ -2,12 +2,15 @@
 
 import json
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from pkm_core.design.pose_plan import spread_poses
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
+from pkm_core.simulation.true_rests import true_rests
 from pkm_core.verbs import budget, calibrate, singularity, tolerance, workspace
 
 RUN = CliRunner()
@@ -81,8 +84,18 @@ def test_calibrate_reads_the_measurements_of_a_simulation(tmp_path):
         assert figures['errors'][title] == pytest.approx(simulated['errors'][title], rel=1e-3)
     assert figures['errors']['calibrated']['x_um'] < 0.2 * figures['errors']['drawing']['x_um']
     assert figures['errors']['calibrated machine file'] == pytest.approx(figures['errors']['calibrated'], rel=1e-3)
-    assert load_machine(again / 'calibrated' / 'four_dof.yaml').config.built.l4 != 0.07
+    machine = load_machine(again / 'calibrated' / 'four_dof.yaml')
+    assert machine.config.built.l4 != 0.07
     assert pictures(again) == ['calibration']
+    assert figures['specimen'] == simulated['specimen'] == str(machine.specimen)
+    # the recipe of docs/design.md ends with `pkm run` of this file: its tool is in place in the cell of the same seed
+    drawing, poses = load_machine('four_dof'), spread_poses(machine, 8, 3)
+    before, after = (true_rests(each, poses, seed=1, environment='nominal') - poses for each in (drawing, machine))
+    before, after = (errors - errors.mean(axis=0) for errors in (before, after))
+    assert (np.abs(before)[:, :2].max(axis=0) > 3e-6).all()
+    assert (np.abs(after)[:, :3].max(axis=0) < 0.3e-6).all()
+    with pytest.raises(PkmError, match=r'of specimen four_dof, seed 1, environment nominal; .* four_dof, seed 2'):
+        true_rests(machine, poses, seed=2)
 
 
 @pytest.mark.parametrize(

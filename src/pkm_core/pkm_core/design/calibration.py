@@ -15,18 +15,19 @@ from pkm_core.design.information import check_directions, fewest_poses, paramete
 from pkm_core.design.specimen import end_point, sensitivities
 from pkm_core.design.units import units
 from pkm_core.errors import PkmError
+from pkm_core.machines.uncertainty import Uncertainty
 
 LARGEST_MISFIT = 1.5  # chosen: 80 residuals of a valid model exceed 1.3 once in a million calibrations
 _WORST = 3  # poses named in a refusal
 
 
-def built_machine(machine, errors, specimen=None):
+def built_machine(machine, errors, specimen=None, uncertainty=None):
     """Return `machine` with a section `built`: lengths and marks of the drawing plus `errors` [m], of `specimen`."""
     config = machine.config
     drawn = type(machine).Built.as_drawn(config.geometry)
     marks = drawn.marks.model_copy(update={joint: errors.get(joint, 0.0) for joint in machine.joints})
     off = {name: value + errors.get(name, 0.0) for name, value in drawn.lengths().items()}
-    built = drawn.model_copy(update={**off, 'marks': marks, 'specimen': specimen})
+    built = drawn.model_copy(update={**off, 'marks': marks, 'specimen': specimen, 'uncertainty': uncertainty})
     return type(machine)(config.model_copy(update={'built': built}), machine.name, machine.configuration)
 
 
@@ -107,7 +108,7 @@ def calibrate(machine, measurements, tolerances, deviation, largest_misfit=LARGE
         return np.vstack([data, np.eye(len(names))])
 
     found = least_squares(residuals, np.zeros(len(names)), slope, x_scale=1.0, xtol=1e-12, ftol=1e-12, gtol=1e-10)
-    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    covariance = np.linalg.inv(found.jac.T @ found.jac) * np.outer(prior, prior)
     _, singular, directions = np.linalg.svd(slope(np.zeros(len(names)))[: -len(names)], full_matrices=False)
     poses, coordinates = measurements.displacement.shape
     errors = {name: float(error) for name, error in model(found.x).items()}
@@ -119,9 +120,9 @@ def calibrate(machine, measurements, tolerances, deviation, largest_misfit=LARGE
             f'{_pattern(machine, rows, deviation)}'
         )
     return Calibration(
-        built_machine(machine, errors, measurements.specimen),
+        built_machine(machine, errors, measurements.specimen, Uncertainty.of(names, covariance)),
         errors,
-        dict(zip(names, (prior * np.sqrt(np.diag(covariance))).tolist(), strict=True)),
+        dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         priors,
         Identifiability(names, singular, directions),
         misfit,

@@ -28,6 +28,8 @@ def write_calibrated_machine(path, machine_name, calibration, source, configurat
     lines += [line('  ', name, length) for name, length in built.lengths().items()]
     lines.append('  marks:  # encoder reading minus position')
     lines += [line('    ', joint, mark) for joint, mark in built.marks]
+    if built.uncertainty is not None:
+        lines += built.uncertainty.lines('  ')
     text = find_config('machines', machine_name, configuration).read_text(encoding='utf-8')
     text = re.sub(r'(?ms)^built:.*?(?=^\S|\Z)', '', text)  # remove an earlier calibration
     path.write_text(text.rstrip('\n') + '\n\n' + '\n'.join(lines) + '\n', encoding='utf-8')

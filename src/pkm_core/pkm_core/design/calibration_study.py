@@ -1,15 +1,17 @@
-"""Validation of a calibration on held-out poses, and a simulated machine with known errors."""
+"""A calibration and its validation on held-out poses: the command `pkm calibrate`."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from pkm_core.design.budget_monte_carlo import study_poses
-from pkm_core.design.calibration import Calibration, calibrate, positioning_errors, prediction_errors
-from pkm_core.design.measurement import Measurements, draw_specimen, simulate
+from pkm_core.design.calibration import Calibration, calibrate, prediction_errors
+from pkm_core.design.measurement import Measurements
+from pkm_core.design.pose_plan import plan_poses, spread_poses
+from pkm_core.design.verification import Verification, verify
 from pkm_core.errors import PkmError
 
-FEWEST_POSES = 8  # two of them are held out
+FEWEST_POSES = 16  # every fourth is held out; four of those verify
+HELD = 4  # every HELD-th pose is held out
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,8 @@ class CalibrationStudy:
         Standard deviation of a measurement [m, rad].
     before, after : ndarray, shape (held out, m)
         Measured minus predicted displacement, by the drawing and by the calibrated model [m, rad].
+    verification : Verification
+        Whether the calibrated model is better.
 
     """
 
@@ -34,6 +38,7 @@ class CalibrationStudy:
     noise: np.ndarray
     before: np.ndarray
     after: np.ndarray
+    verification: Verification
 
 
 def study_calibration(machine, measurements, tolerances, laser):
@@ -43,29 +48,23 @@ def study_calibration(machine, measurements, tolerances, laser):
             f'{len(measurements.q)} poses measured, of which every fourth is held out; at least {FEWEST_POSES} are '
             f'needed'
         )
-    used, held = measurements.split()
-    noise = laser.deviation(machine, used.q)
+    used, held = measurements.split(HELD)
+    noise = used.noise(machine, laser)
     found = calibrate(machine, used, tolerances, noise)
     before, after = (prediction_errors(forward, held) for forward in (machine.forward, found.machine.forward))
-    return CalibrationStudy(found, used, held, noise, before, after)
+    verification = verify(machine, found.machine, held, noise)
+    return CalibrationStudy(found, used, held, noise, before, after, verification)
 
 
-@dataclass(frozen=True)
-class SimulatedMachine:
-    """A simulated machine with known errors."""
+def study_plan(machine, count, seed, tolerances, laser):
+    """
+    Return `count` poses (N, m) [m, rad] for `study_calibration`.
 
-    errors: dict  # {name: error} [m]
-    measurements: Measurements
-    test_poses: np.ndarray  # (N, m) poses without a measurement [m, rad]
-
-    def sent(self, machine, inverse):
-        """Return the positioning errors (N, m) [m, rad] at the test poses, commanded by `inverse`."""
-        return positioning_errors(machine, self.errors, inverse, self.test_poses)
-
-
-def simulate_machine(machine, tolerances, laser, poses, seed):
-    """Return a `SimulatedMachine` built to `tolerances` and measured at `poses` poses."""
-    of_errors, of_noise, of_poses, of_tests = np.random.SeedSequence(seed).spawn(4)
-    errors = draw_specimen(machine, tolerances, of_errors)
-    seen = simulate(machine, errors, laser, study_poses(machine, poses, of_poses), of_noise)
-    return SimulatedMachine(errors, seen, machine.forward(study_poses(machine, 500, of_tests)))
+    The poses that are used are a D-optimal plan; those held out are spread over the travel.
+    """
+    held = np.arange(count) % HELD == HELD - 1
+    poses = np.empty((count, len(machine.coordinates)))
+    poses[~held] = plan_poses(machine, int(np.sum(~held)), seed, tolerances, laser)
+    if held.any():
+        poses[held] = spread_poses(machine, int(np.sum(held)), seed)
+    return poses

@@ -185,6 +185,8 @@ def _remarks(path, machine, remarks, columns):
                 specimen = Specimen.parse(line.removeprefix(_SPECIMEN))
             elif line.startswith(_DEVIATION):
                 values = [float(value) for value in line.removeprefix(_DEVIATION).split(',')]
+                if len(values) != len(columns):
+                    raise ValueError(f'{len(values)} deviations; expected {len(columns)}')
                 deviation = np.array([v * factor for v, (_, factor) in zip(values, columns, strict=True)])
         except (ConfigError, ValueError) as error:
             raise PkmError(f'{path}: line {number}: {error}') from None

@@ -45,8 +45,8 @@ def rests_from_arrays(machine, time, q, laser_time, displacement, windows, laser
     """
     time, q, laser_time, displacement = (np.asarray(part, float) for part in (time, q, laser_time, displacement))
     windows = np.asarray(windows, float).reshape(-1, 2)
-    _check_signal('encoders', time, q, machine.joints)
-    _check_signal('laser', laser_time, displacement, machine.coordinates)
+    check_signal('encoders', time, q, machine.joints)
+    check_signal('laser', laser_time, displacement, machine.coordinates)
     encoders = [_samples('encoders', k, time, q, window, machine.joints) for k, window in enumerate(windows)]
     seen = [
         _samples('laser', k, laser_time, displacement, window, machine.coordinates) for k, window in enumerate(windows)
@@ -56,8 +56,12 @@ def rests_from_arrays(machine, time, q, laser_time, displacement, windows, laser
     for number, rest in enumerate(encoders):
         _check_standing(machine, number, rest)
     _check_alive(machine, seen)
-    steps = laser.resolution * laser.scale(machine)
-    means, deviations = zip(*(_mean([rest[:, i] for rest in seen], step) for i, step in enumerate(steps)), strict=True)
+    scale = laser.scale(machine)
+    found = [
+        _mean([rest[:, i] for rest in seen], factor * laser.resolution, factor * laser.noise)
+        for i, factor in enumerate(scale)
+    ]
+    means, deviations = zip(*found, strict=True)
     positions = np.array([rest.mean(axis=0) for rest in encoders])
     averaged = np.mean([rest.var(axis=0, ddof=1) / len(rest) for rest in encoders])
     gains = encoder_gains(machine, positions)
@@ -81,14 +85,15 @@ def joined(parts):
     )
 
 
-def _mean(groups, step):
+def _mean(groups, step, noise):
     """Return `mean_at_rest` with the rounding `step`, if the readings are multiples of it."""
     readings = np.concatenate(groups)
     rounded = step > 0.0 and np.abs(readings / step - np.round(readings / step)).max() <= _ON_STEP
-    return mean_at_rest(groups, step if rounded else 0.0)
+    return mean_at_rest(groups, step if rounded else 0.0, noise)
 
 
-def _check_signal(what, time, values, names):
+def check_signal(what, time, values, names):
+    """Refuse a signal whose shapes disagree or whose stamps are not finite or do not rise: `PkmError`."""
     if values.shape != (len(time), len(names)):
         raise PkmError(f'{what}: values of shape {values.shape}; expected ({len(time)}, {len(names)})')
     if not np.isfinite(time).all():

@@ -1,8 +1,8 @@
 """
 Targets of control and learning, and the values reached: one row per target.
 
-Errors are those of the worst axis of a cycle, by the encoders, over all noise seeds and counted cycles. Those of the
-tool after calibration are in tool_targets.py.
+Errors are those of the worst axis of a cycle, by the encoders, over all noise seeds and counted cycles. Those of a
+calibrated machine at rest (rest_targets.py) and in motion (tool_targets.py) are in coordinates, by the truth.
 """
 
 from dataclasses import replace
@@ -15,6 +15,7 @@ from pkm_core.control.robust import load_control
 from pkm_core.experiments.condition import conditions, prepared
 from pkm_core.experiments.outcome import counted, spread, worst_axis
 from pkm_core.experiments.random_machines import drive_one
+from pkm_core.experiments.rest_targets import rest_rows, rest_tasks
 from pkm_core.experiments.runs import measure
 from pkm_core.experiments.target import Target
 from pkm_core.experiments.tool_targets import tool_target_rows, tool_tasks
@@ -58,6 +59,7 @@ def target_tasks(seeds, cycles):
         for number in range(RANDOM_MACHINES * seeds):
             tasks[machine, 'random', number] = (random_machine_error, best, number)
         tasks |= tool_tasks(machine, seeds, cycles)
+        tasks |= rest_tasks(machine, seeds)
     return tasks
 
 
@@ -117,6 +119,7 @@ def _machine_rows(machine, found):
         *(_error(f'{name} in {1e3 * t:g} ms, best law', '70 ms', found[f'{t:g}'], g) for t, g in SHORTER.items()),
         *_laser(name, found),
         *tool_target_rows(machine, name, found),
+        *(Target(what, '', goal, reached, met) for what, goal, reached, met in rest_rows(name, machine, found)),
     ]
 
 

@@ -1,13 +1,12 @@
 """Read identification records from bags: bags of this cell, and any other axis by topics, fields and units."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.bag.reader import read_topics
-from pkm_core.errors import BagError
+from pkm_core.bag.signals import read_signals
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.axis_data import AxisData, JointRecord
 from pkm_core.quantities import QuantityError, scale
@@ -69,15 +68,6 @@ def _excitation(machine, path, namespace, name, whole, samples):
     return volts[:samples]
 
 
-@dataclass(frozen=True)
-class Signal:
-    """Topic, field and unit of a signal in a bag."""
-
-    topic: str
-    field: str = 'data'  # e.g. 'effort[2]', 'pose.position.x', or 'position[elbow]' in a message with `name`
-    unit: str = '1'  # any unit of pint; '0.2 um' for counts of that size
-
-
 def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0, limit=np.inf):
     """
     Return (AxisData, dead time beyond whole samples [s], warnings) of an axis from any bag.
@@ -99,9 +89,9 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
     Raises
     ------
     BagError
-        If `path` cannot be read, or lacks a topic or field.
+        If `path` cannot be read, lacks a topic or field, or a signal has fewer than two messages.
     IdentificationError
-        If a signal has fewer than two messages or a gap, or a unit does not fit.
+        If a signal has a gap, or a unit does not fit.
 
     """
     given = {'drive': drive, 'sensor': sensor, 'reference': reference, 'excitation': excitation}
@@ -153,53 +143,13 @@ def read_axis(path, drive, sensor, *, reference=None, excitation=None, delay=0.0
 
 
 def _read_series(path, signals):
-    """Return {name: (times [s], values)} for `signals`."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.highlevel.anyreader import AnyReaderError
-    from rosbags.typesys import Stores, get_typestore
-
-    topics = {signal.topic for signal in signals.values()}
-    found = {name: [] for name in signals}
-    try:
-        with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            missing = topics - set(reader.topics)
-            if missing:
-                raise BagError(f'{path}: has no topic {sorted(missing)}; it has {sorted(reader.topics)}')
-            connections = [connection for connection in reader.connections if connection.topic in topics]
-            for connection, received, data in reader.messages(connections=connections):
-                message = reader.deserialize(data, connection.msgtype)
-                stamp = getattr(getattr(message, 'header', None), 'stamp', None)
-                time = received if stamp is None else 10**9 * stamp.sec + stamp.nanosec
-                for name, signal in signals.items():
-                    if signal.topic == connection.topic:
-                        found[name].append((time, _value(message, signal)))
-    except (AnyReaderError, OSError, AssertionError) as error:
-        raise BagError(f'{path}: cannot be read as a bag: {error}') from None
-    for name, pairs in found.items():
-        if len(pairs) < 2:
-            raise IdentificationError(f'{path}: {signals[name].topic} has {len(pairs)} messages; at least 2 are needed')
-    origin = min(pairs[0][0] for pairs in found.values())  # a double of seconds since 1970 resolves only 0.25 us
+    """Return {name: (times [s], values)} for `signals`, in the order of time and without repeated stamps."""
     series = {}
-    for name, pairs in found.items():
-        times, values = np.array([(1e-9 * (time - origin), value) for time, value in sorted(pairs)]).T
-        new = np.append(True, np.diff(times) > 0)
+    for name, (times, values) in read_signals(path, signals).items():
+        order = np.lexsort((values, times))
+        new = order[np.append(True, np.diff(times[order]) > 0)]
         series[name] = times[new], values[new]
     return series
-
-
-def _value(message, signal):
-    """Return the number that `signal` names in `message`."""
-    value = message
-    try:
-        for part in signal.field.split('.'):
-            name, _, index = part.partition('[')
-            value = getattr(value, name)
-            if index:
-                index = index.rstrip(']')
-                value = value[int(index) if index.isdigit() else list(message.name).index(index)]
-        return float(value)
-    except (AttributeError, IndexError, ValueError, TypeError) as error:
-        raise BagError(f'{signal.topic}: no number at {signal.field!r}: {error}') from None
 
 
 def _scale(name, unit):

@@ -31,12 +31,12 @@ def load_machine(name_or_path, configuration=None) -> Machine:
     if mechanism is None:
         raise ConfigError(f'{path}: mechanism: {data.get("mechanism")!r} given; known: {sorted(_MECHANISMS)}')
     machine = mechanism(parse_config(data, mechanism.Config, where=str(path)), path.stem, configuration)
-    _check_specimen(path, machine)
+    require_specimen(path, machine)
     return machine
 
 
-def _check_specimen(path, machine):
-    """Refuse a section `built` without its specimen, or of another machine than the name of the file."""
+def require_specimen(path, machine):
+    """Refuse a section `built` without its specimen, or of another machine than the name of the file: `ConfigError`."""
     if getattr(machine.config, 'built', None) is None:
         return
     if machine.specimen is None:

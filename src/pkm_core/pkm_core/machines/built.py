@@ -10,19 +10,21 @@ from typing import TYPE_CHECKING, Any
 from pkm_core.config import Config, Length
 from pkm_core.machines.base import PositiveLength
 from pkm_core.machines.identity import Specimen
+from pkm_core.machines.uncertainty import Uncertainty
 
 _FARTHEST = 1e-3  # m; chosen: a larger deviation is an error in the file, not of the machine
 
 
 class _Built(Config):
     specimen: Specimen | None = None  # of the measured machine; a file must name it, see `load_machine`
+    uncertainty: Uncertainty | None = None  # of lengths and marks
     if TYPE_CHECKING:  # each mechanism has its own
         marks: Any
 
     @classmethod
     def names(cls):
         """Return the names of the lengths."""
-        return tuple(name for name in cls.model_fields if name not in ('specimen', 'marks'))
+        return tuple(name for name in cls.model_fields if name not in ('specimen', 'uncertainty', 'marks'))
 
     def lengths(self):
         """Return {name: length} [m] without the marks."""

@@ -103,12 +103,13 @@ def load_motion(name_or_path, configuration=None):
     return load_config(find_config('motions', name_or_path, configuration), Motion)
 
 
-def poses_motion(machine, poses, move_time=None):
+def poses_motion(machine, poses, move_time=None, rest_time=None):
     """
     Return the `Motion` from home through `poses` and back home.
 
     `poses` (m, n) has one row per pose in the order of `machine.coordinates` [m, rad]; `move_time` is the duration of
-    one move [s], by default that of `Motion`.
+    one move [s], by default that of `Motion`. `rest_time` is the duration of the rest between two moves [s], by default
+    lead rest and settle window of `Motion`.
     """
     poses, names = np.asarray(poses, dtype=np.float64), machine.coordinates
     if poses.ndim != 2 or poses.shape[0] == 0 or poses.shape[1] != len(names):
@@ -120,9 +121,14 @@ def poses_motion(machine, poses, move_time=None):
     move_time = default['move_time'] if move_time is None else move_time
     if not 0 < move_time < np.inf:
         raise TrajectoryError(f'move time is {move_time} s; expected a positive number')
-    _check_duration(len(poses), move_time, default['lead_rest'], default['settle_window'])
+    lead, settle = default['lead_rest'], default['settle_window']
+    if rest_time is not None:
+        if not lead < rest_time < np.inf:
+            raise TrajectoryError(f'rest time is {rest_time} s; expected more than {lead:g} s')
+        settle = rest_time - lead
+    _check_duration(len(poses), move_time, lead, settle)
     targets = tuple(Target(pose=Pose(**dict(zip(names, row, strict=True)))) for row in poses.tolist())
-    return Motion(machine=machine.name, targets=targets, move_time=move_time)
+    return Motion(machine=machine.name, targets=targets, move_time=move_time, settle_window=settle)
 
 
 def plan(machine, motion):

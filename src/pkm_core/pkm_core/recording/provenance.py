@@ -33,8 +33,8 @@ def loop_hash(machine, control, of_machine):
     Return the hash of what a control loop is made of: the machine, and the files of model and gains as they are now.
 
     A controller computes it when it starts and with every reload it accepts. The value then describes what it has
-    loaded: a later edit of a file changes nothing until the next reload, and an edit of the machine's file nothing at
-    all, because a reload does not load the machine.
+    loaded: a later edit of a file changes nothing until the next reload. The machine's file is loaded at the start and
+    by `geometry/load` only.
 
     Parameters
     ----------
@@ -51,8 +51,12 @@ def loop_hash(machine, control, of_machine):
         12 hex digits.
 
     """
-    files = hash_files([find_config('model', machine.name, machine.configuration), find_control(machine, control)[1]])
-    return _combined(of_machine, files)
+    return joined_hash(of_machine, control_hash(machine, control))
+
+
+def control_hash(machine, control):
+    """Return the hash of the files of model and gains as they are now; arguments of `loop_hash`."""
+    return hash_files([find_config('model', machine.name, machine.configuration), find_control(machine, control)[1]])
 
 
 def config_hash(loops, motion, law, configuration=None):
@@ -80,8 +84,9 @@ def config_hash(loops, motion, law, configuration=None):
     for kind, name in (('motions', motion), ('learning', law)):
         with suppress(ConfigError):
             files.append(find_config(kind, name, configuration))
-    return _combined(*sorted(set(loops)), hash_files(files))
+    return joined_hash(*sorted(set(loops)), hash_files(files))
 
 
-def _combined(*digests):
+def joined_hash(*digests):
+    """Return the hash of `digests`, which counts their order."""
     return hashlib.sha256(' '.join(digests).encode()).hexdigest()[:12]

@@ -86,6 +86,11 @@ class GoalCycle:
         """Whether the machine is running the cycle."""
         return self.state in (GoalState.RUNNING, GoalState.STRAY)
 
+    @property
+    def next_cycle(self):
+        """The number that `begin` gives the next cycle, as far as is known."""
+        return self._highest + 1
+
     def begin(self, now):
         """Begin the next cycle, whose number no cycle of the machine has had."""
         self.cycle = self._highest = self._highest + 1

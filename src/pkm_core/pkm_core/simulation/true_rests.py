@@ -1,28 +1,45 @@
-"""True rests of the simulated machine: the judge of a calibration; reads the truth of the plant."""
+"""
+The simulated machine by its truth: where it stands, and its errors of lengths and marks.
+
+Experiments judge a calibration with it; nothing else may.
+"""
 
 import numpy as np
 
 from pkm_core.control.controllers import make_controller
 from pkm_core.control.robust import load_control
 from pkm_core.design.calibration_motion import calibration_motion
+from pkm_core.design.specimen import error_names
 from pkm_core.errors import PkmError
+from pkm_core.machines.built import drawn_length
 from pkm_core.motion.trajectory import to_joints
 from pkm_core.plant.plant import Plant
 
 EVERY = 10  # [ticks] of the truth that are averaged; chosen: 20 of each rest
 
 
+def true_errors(machine, seed, environment='nominal'):
+    """Return {name: error} [m] of links, offsets and marks of the specimen, names as in design/specimen.py."""
+    error_names(machine)  # refuses machines without links
+    assembly, geometry = Plant(machine.drawing, seed, environment).truth.assembly, machine.config.geometry
+    links = {name: length - drawn_length(geometry, name) for name, length in assembly.lengths.items()}
+    offsets = {name: getattr(assembly.offsets, name) - getattr(geometry, name) for name in ('dx', 'dy', 'dz')
+               if hasattr(geometry, name)}  # fmt: skip
+    return links | offsets | dict(zip(machine.joints, assembly.encoder_offset.tolist(), strict=True))
+
+
+def true_poses(machine, q, seed, environment='nominal'):
+    """Return the poses (N, m) [m, rad] of the specimen whose encoders, without error, read `q` (N, n) [m]."""
+    truth = Plant(machine.drawing, seed, environment).truth
+    return truth.assembly.end_point(q - truth.assembly.encoder_offset, np.tile(truth.belts, (len(q), 1)))
+
+
 def true_rests(machine, poses, seed, environment='nominal', gains=None):
     """
-    Return where the simulated machine rests when `machine` sends it to `poses`, by the truth of the plant.
+    Return the rests (N, m) [m, rad] of the simulated machine when `machine` sends it to `poses` (N, m).
 
-    The machine runs the motion of a calibration. An experiment judges a calibration with it; nothing else may.
-
-    Returns
-    -------
-    reached : ndarray, shape (N, m)
-        Mean pose over the average of each rest [m, rad].
-
+    The machine runs the motion of a calibration; a rest is the mean pose over the last part of it. `PkmError` if the
+    machine stops with a fault, `WorkspaceError` if a pose is out of reach.
     """
     gains = load_control(machine) if gains is None else gains
     reached = []

@@ -5,12 +5,16 @@ from typing import Annotated
 
 import typer
 
+from pkm_core.errors import PkmError
 from pkm_core.files import writable_folder
 from pkm_core.machines import load_machine
+from pkm_core.machines.checks import ANGLES
 from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import (
+    EnvironmentOption,
     JsonOption,
     MachineOption,
+    NamespaceOption,
     OutOption,
     SeedOption,
     TolerancesOption,
@@ -18,49 +22,90 @@ from pkm_core.verbs.options import (
     write_figures,
 )
 
+OTHERS = 500  # poses without a measurement at which a simulated machine is judged
+
 
 def calibrate(
     machine_name: MachineOption = 'four_dof',
     measurements: Annotated[
         Path | None, typer.Option(help='CSV file of laser measurements; default: a machine is simulated.')
     ] = None,
-    poses: Annotated[int, typer.Option(min=8, help='Number of poses of the simulated measurement.')] = 60,
+    bag: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help='Bag of a cycle of the cell that rests at poses, with the laser; repeatable for one machine.'
+        ),
+    ] = None,
+    namespace: NamespaceOption = '/pkm',
+    encoder_topic: Annotated[
+        list[str] | None,
+        typer.Option(help='Topic of the encoders in bags of another recorder; one for all, or one per joint.'),
+    ] = None,
+    encoder_field: Annotated[
+        list[str] | None, typer.Option(help="Field of each joint, in order, e.g. 'position[0]'; repeatable.")
+    ] = None,
+    encoder_unit: Annotated[str, typer.Option(help="Unit of the encoders; '0.2 um' for counts of that size.")] = 'm',
+    laser_topic: Annotated[
+        list[str] | None, typer.Option(help='Topic of the laser; one for all, or one per coordinate.')
+    ] = None,
+    laser_field: Annotated[
+        list[str] | None, typer.Option(help="Field of each coordinate, in order, e.g. 'vector.x'; repeatable.")
+    ] = None,
+    laser_unit: Annotated[str, typer.Option(help='Unit of the displacements.')] = 'm',
+    laser_angle_unit: Annotated[str, typer.Option(help='Unit of the rotation.')] = 'rad',
+    rest: Annotated[float, typer.Option(min=0.0, help='Least rest in bags of another recorder [ms].')] = 130.0,
+    average: Annotated[float, typer.Option(min=1.0, help='Average at the end of a rest [ms].')] = 100.0,
+    poses: Annotated[int, typer.Option(min=16, help='Number of poses of the simulated measurement.')] = 60,
     tolerances: TolerancesOption = 'tolerances',
     laser: Annotated[str, typer.Option(help='Laser of config/design, or a YAML file.')] = 'laser',
     seed: SeedOption = 1,
+    environment: EnvironmentOption = 'nominal',
     out: OutOption = None,
     json_file: JsonOption = None,
 ):
     """
     Estimate link lengths, offsets and encoder marks of one machine, with deviations; validate them at other poses.
 
-    Every fourth pose is kept for validation. Writes into --out: the calibrated machine file, which every verb and node
-    accepts as its machine; a figure; the measurements of a simulation, which show the format of --measurements.
+    The simulated machine is the one that a cell with the same --seed and --environment runs. Every fourth pose is kept
+    for validation. Writes into --out: the calibrated machine file, which every verb and node accepts as its machine; a
+    figure; the measurements, in the format of --measurements. Both files name the measured machine, and no other one
+    runs with them.
 
-    Example: `pkm calibrate --out runs/calibration`
+    Example: `pkm calibrate --seed 1 --out runs/calibration`
 
     Example: `pkm calibrate --measurements laser.csv --out runs/calibration`
+
+    Example: `pkm calibrate --bag runs/poses/poses_0001* --out runs/calibration`
     """
-    from pkm_core.design.calibration_study import simulate_machine, study_calibration
+    from pkm_core.design.calibration_study import study_calibration
     from pkm_core.design.measurement import load_laser, read_measurements
     from pkm_core.design.tolerances import load_tolerances
     from pkm_core.design.units import units
+    from pkm_core.experiments.simulated_calibration import TrueSpecimen, measure_study
 
     console, machine, out = Output(), load_machine(machine_name).drawing, out_folder(out)
     spreads, beam = load_tolerances(tolerances), load_laser(laser)
     with progress_bar(console, 3) as bar:
         bar.step('measurements')
-        if measurements is None:
-            simulated, source = simulate_machine(machine, spreads, beam, poses, seed), f'a simulation with seed {seed}'
-            seen = simulated.measurements
+        if measurements is not None and bag:
+            raise PkmError('--bag: given with --measurements; expected one of them')
+        simulated, source = None, str(measurements)
+        if bag:
+            topics, fields = (encoder_topic, laser_topic), (encoder_field, laser_field)
+            others = topics, fields, (encoder_unit, laser_unit, laser_angle_unit), 1e-3 * rest
+            seen = _of_bags(machine, bag, beam, namespace, 1e-3 * average, others)
+            source = ', '.join(each.name for each in bag)
+        elif measurements is not None:
+            seen = read_measurements(measurements, machine)
         else:
-            simulated, source, seen = None, str(measurements), read_measurements(measurements, machine)
+            seen = measure_study(machine, poses, spreads, beam, seed, environment)
+            simulated, source = TrueSpecimen(machine, seed, environment), f'a simulation with seed {seed}'
         bar.step('estimate')
         study = study_calibration(machine, seen, spreads, beam)
         rows = _errors(machine, study, simulated)
         if out:
             bar.step('files')
-            rows |= _write(out, machine_name, machine, study, simulated, source)
+            rows |= _write(out, machine_name, machine, study, simulated, source, seen)
     scale = [factor for factor, _ in units(machine)]
     rows = {name: row * scale for name, row in rows.items()}
     write_figures(json_file, _figures(machine, study, simulated, source, rows))
@@ -70,11 +115,42 @@ def calibrate(
         mix = ' '.join(f'{part:+.2f} {name}' for name, part in parts.items())
         console.print(f'hardly known, singular value {value:.2g}: {mix} (in tolerances)')
     console.print(_errors_table(machine, rows, len(study.held.q)))
+    console.plain(f'specimen: {found.machine.specimen or "not named"}')
     console.print(f'{len(study.used.q)} poses used, residuals {found.misfit:.2f} of the noise')
-    if found.misfit > 1.5:
-        console.print('The residuals exceed the noise: the machine has errors outside this model.')
+    if study.verification.worse:
+        console.warnings(study.verification.reasons(machine))
     if out:
         console.plain(f'the calibrated machine is {_file(out, machine)}; the figure is in {out}')
+
+
+def _of_bags(machine, bags, laser, namespace, averaged, others):
+    """Return the measurements of bags of this cell or, if `others` has topics, of another recorder."""
+    from pkm_core.design.rest_bags import rests_from_bag, rests_from_signals
+    from pkm_core.design.rests import joined
+
+    (encoder_topics, laser_topics), (encoder_fields, laser_fields), (length, seen, angle), rest = others
+    if not encoder_topics and not laser_topics:
+        return joined([rests_from_bag(each, machine, laser, namespace=namespace, averaged=averaged) for each in bags])
+    encoders = _signals(
+        'encoder', machine.joints, encoder_topics, encoder_fields, dict.fromkeys(machine.joints, length)
+    )
+    units = {name: angle if name in ANGLES else seen for name in machine.coordinates}
+    displacements = _signals('laser', machine.coordinates, laser_topics, laser_fields, units)
+    given = {'rest': rest, 'averaged': averaged}
+    return joined([rests_from_signals(each, machine, laser, encoders, displacements, **given) for each in bags])
+
+
+def _signals(what, names, topics, fields, units):
+    """Return one `Signal` per name of `names`."""
+    from pkm_core.bag.signals import Signal
+
+    topics, fields = topics or [], fields or ['data']
+    topics = topics * len(names) if len(topics) == 1 else topics
+    fields = fields * len(names) if len(fields) == 1 and len(set(topics)) == len(names) else fields
+    for option, came in (('topic', topics), ('field', fields)):
+        if len(came) != len(names):
+            raise PkmError(f'--{what}-{option}: {len(came)} given; expected one per name of {list(names)}')
+    return [Signal(topic, field, units[name]) for name, topic, field in zip(names, topics, fields, strict=True)]
 
 
 def _rms(errors):
@@ -94,8 +170,8 @@ def _errors(machine, study, simulated):
     }
     if simulated:
         calibrated = study.calibration.machine
-        rows['sent to 500 other poses, drawing'] = _rms(simulated.sent(machine, machine.inverse))
-        rows['sent to 500 other poses, calibrated'] = _rms(simulated.sent(machine, calibrated.inverse))
+        rows[f'sent to {OTHERS} other poses, drawing'] = _rms(simulated.sent(machine.inverse))
+        rows[f'sent to {OTHERS} other poses, calibrated'] = _rms(simulated.sent(calibrated.inverse))
     return rows
 
 
@@ -103,7 +179,7 @@ def _file(out, machine):
     return out / 'calibrated' / f'{machine.name}.yaml'
 
 
-def _write(out, machine_name, machine, study, simulated, source):
+def _write(out, machine_name, machine, study, simulated, source, seen):
     """Write every file and return {what: error (m,)} [m, rad] of the written machine file, loaded again."""
     from pkm_core.design.calibration import prediction_errors
     from pkm_core.design.calibration_figures import draw_calibration
@@ -114,8 +190,7 @@ def _write(out, machine_name, machine, study, simulated, source):
     writable_folder(path.parent)
     write_calibrated_machine(path, machine_name, study.calibration, source)
     draw_calibration(out, study, simulated.errors if simulated else None)
-    if simulated:
-        write_measurements(out / 'measurements.csv', machine, simulated.measurements)
+    write_measurements(out / 'measurements.csv', machine, seen)
     return {'calibrated machine file': _rms(prediction_errors(load_machine(path).forward, study.held))}
 
 
@@ -127,9 +202,11 @@ def _figures(machine, study, simulated, source, rows):
     return {
         'machine': machine.name,
         'source': source,
+        'specimen': str(found.machine.specimen or 'not named'),
         'poses_used': len(study.used.q),
         'poses_held_out': len(study.held.q),
         'misfit': found.misfit,
+        'worse': list(study.verification.worse),
         'errors': {title: dict(zip(names, row, strict=True)) for title, row in rows.items()},
         'parameters_um': {
             name: {

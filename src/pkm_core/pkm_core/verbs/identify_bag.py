@@ -67,7 +67,7 @@ def identify_bag(
     Example: `pkm identify-bag arm --input-topic /joint_states --input-field 'effort[elbow]' --input-unit 'N m'
     --output-topic /joint_states --output-field 'position[elbow]' --output-unit rad`
     """
-    from pkm_core.identification.bag_data import Signal
+    from pkm_core.bag.signals import Signal
     from pkm_core.identification.figures import draw_identification
     from pkm_core.identification.summary import as_figures, show
 

@@ -46,6 +46,7 @@ def trajectory_to_msg(
     kind=SampledTrajectoryMessage.MOTION,
     feedforward=None,
     planned='',
+    geometry='',
 ):
     """
     Return a trajectory as a message.
@@ -64,6 +65,8 @@ def trajectory_to_msg(
         [V] learned feedforward for the cycle; without it the controllers keep theirs.
     planned : str
         Digest of the planned positions, if `trajectory` has a correction learned at the tool.
+    geometry : str
+        Hash of the kinematics it was computed with, '' if it is not to be checked.
 
     """
     message = SampledTrajectoryMessage(
@@ -72,6 +75,7 @@ def trajectory_to_msg(
         motion=motion,
         learning_law=learning_law,
         planned=planned,
+        geometry=geometry,
         sample_time=trajectory.sample_time,
         coordinates=list(trajectory.coordinates),
         move_starts=[int(i) for i in trajectory.move_starts],

@@ -6,12 +6,14 @@ A program reads the keys, never the message. docs/interfaces.md lists keys and v
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-STATE = 'state'  # machine, controllers, recorder: one word
+STATE = 'state'  # machine, controllers, recorder, state_estimator: one word
 CYCLE = 'cycle'  # machine, controllers: number of the last started or loaded cycle
 TICK = 'tick'  # machine: next tick; recorder: last tick of all topics
 FAULT = 'fault'  # machine: reason of the safe stop, '' without one
 NOTICE = 'notice'  # controllers: last observation of the learning monitor, '' without one
 REFUSED = 'refused messages'  # machine, controllers: malformed messages of the tick that were dropped
+COVARIANCE = 'covariance'  # state_estimator: origin of the covariance of the pose
+GEOMETRY = 'geometry'  # state_estimator: hash of the kinematics in use
 FAILURE = 'failure'  # recorder: why the last cycle was not recorded, '' if it was
 
 

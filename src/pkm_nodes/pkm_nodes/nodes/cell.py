@@ -3,6 +3,7 @@
 from rclpy.parameter import Parameter
 
 from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, learning_target, names_in
+from pkm_nodes.nodes.calibration import CalibrationNode
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.nodes.identification import IdentificationNode
 from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
@@ -26,6 +27,7 @@ NODES = {
     'learning': LearningNode,
     'tool_learning': ToolLearningNode,
     'identification': IdentificationNode,
+    'calibration': CalibrationNode,
     'recorder': RecorderNode,
 }
 

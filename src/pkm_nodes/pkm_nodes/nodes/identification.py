@@ -7,16 +7,11 @@ disturbed. Cancelling brakes the machine at once.
 """
 
 from array import array
-from contextlib import ExitStack
 from datetime import datetime
-from math import inf, nan
+from math import nan
 from pathlib import Path
 
-from action_msgs.msg import GoalStatus
-from rclpy.action import ActionClient, ActionServer, CancelResponse
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.task import Future
+from rclpy.action import ActionServer, CancelResponse
 
 from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.control.model import load_model
@@ -25,18 +20,13 @@ from pkm_core.identification import IdentificationError
 from pkm_core.identification.fits import fit_bags, typical_coherence, write_results
 from pkm_core.identification.plan import Request, plan
 from pkm_core.machines import load_machine
-from pkm_core.parallel import search_executor
 from pkm_interfaces.action import ExecuteMotion, Identify
-from pkm_interfaces.msg import CycleEvent, Excitation, SampledTrajectory
+from pkm_interfaces.msg import Excitation, SampledTrajectory
 from pkm_nodes.messages.conversions import experiments_from_msg, fit_to_msg, trajectory_to_msg
-from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
-from pkm_nodes.parts.presence import Presence
+from pkm_nodes.parts.cell_cycles import CellCycles
+from pkm_nodes.parts.worker import Worker
 from pkm_nodes.runtime.node import PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
-
-# [s, wall] to find the other nodes, and from the end of a cycle to its closed bag
-_DISCOVERY = 5.0
-_RECORDED = 10.0
 
 
 class IdentificationNode(PkmNode):
@@ -50,18 +40,9 @@ class IdentificationNode(PkmNode):
         self.check_settings()
         self._machine = load_machine(self._name)
         self._goal = None  # the handle of the running goal
-        self._cycle = 0  # started last
-        self._bags = {}  # path by cycle
         self._slow_moves = {}  # bags of the last ones by joint, for a goal of kind SWEEP
-        self._waiting = (lambda: True, inf, Future())  # condition, deadline, future
-        self._events = CycleEvents(self, 'identification')
-        subscribe_events(self, self._on_event)
-        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(0.05, self._look, clock=self._wall)
-        self._timer.cancel()
-        self._workers = ExitStack()
-        self._pool = None
-        self._motion = ActionClient(self, ExecuteMotion, 'execute_motion')
+        self._cycles = CellCycles(self, IdentificationError)
+        self._worker = Worker()
         self._server = ActionServer(self, Identify, 'identify', self._execute, cancel_callback=self._on_cancel)
 
     async def _execute(self, goal_handle):
@@ -72,6 +53,7 @@ class IdentificationNode(PkmNode):
             goal_handle.abort()
             return result
         self._goal = goal_handle
+        self._cycles.begin()
         try:
             require_session('goal', goal_handle.request.session, self.session)
             await self._identify(goal_handle, result)
@@ -79,6 +61,7 @@ class IdentificationNode(PkmNode):
             result.message = str(error)
         finally:
             self._goal = None
+            self._cycles.end()
         if goal_handle.is_cancel_requested:
             result.message = result.message or 'cancelled after the last cycle; the machine stands at home'
             goal_handle.canceled()
@@ -129,9 +112,9 @@ class IdentificationNode(PkmNode):
             if request.moves:
                 self._slow_moves[joint] = bags[0]
             given = (self.get_namespace(), models, gains, request.sweep().band, folder)
-            fits[joint] = self._submit(fit_bags, self._name, joint, bags, *given)
+            fits[joint] = self._worker.submit(fit_bags, self._name, joint, bags, *given)
         for joint, fit in fits.items():
-            await self._until(fit.done)
+            await self._cycles.until(fit.done)
             found[joint], warnings = fit.result()
             done, coherence = done + 1, typical_coherence(found[joint])
             result.warnings += warnings
@@ -139,8 +122,10 @@ class IdentificationNode(PkmNode):
             feedback = self._feedback(phase=Identify.Feedback.FITTING, joint=joint)
             feedback.progress, feedback.coherence = done / steps, coherence
             goal_handle.publish_feedback(feedback)
-        written = self._submit(write_results, folder, self._name, found, models, f'action identify of {machine.name}')
-        await self._until(written.done)
+        written = self._worker.submit(
+            write_results, folder, self._name, found, models, f'action identify of {machine.name}'
+        )
+        await self._cycles.until(written.done)
         result.model_file = str(written.result() or '')
 
     def _feedback(self, **fields):
@@ -150,13 +135,7 @@ class IdentificationNode(PkmNode):
         """Raise `IdentificationError` unless every axis has a controller and the cell has a recorder."""
         needed = {f'{joint}/command': f'{joint} is not enabled: no joint_controller' for joint in self._machine.joints}
         needed['recorder/tick'] = 'raw records are kept as bags, but no recorder'
-
-        def missing():
-            return [topic for topic in needed if self.count_publishers(self.resolve_topic_name(topic)) == 0]
-
-        if not await self._until(lambda: not missing() and self._motion.server_is_ready(), _DISCOVERY):
-            reasons = [f'{needed[topic]} publishes {self.resolve_topic_name(topic)}' for topic in missing()]
-            raise IdentificationError('; '.join(reasons) or 'no trajectory_generator offers execute_motion')
+        await self._cycles.require(needed)
 
     async def _run(self, experiment):
         """Run one experiment as a cycle of the cell and return its bag."""
@@ -173,64 +152,17 @@ class IdentificationNode(PkmNode):
                 for column, joint in joints
             ],
         )
-        before, generator = self._cycle, Presence(self, 'execute_motion/_action/status')
-        handle = await self._motion.send_goal_async(goal)
-        ended = handle.get_result_async()
-        await self._until(lambda: ended.done() or generator.has_ended())
-        if not ended.done():
-            raise IdentificationError(f'{experiment.name}: the trajectory_generator is gone; start it again')
-        answer = ended.result()
-        if answer.status != GoalStatus.STATUS_SUCCEEDED:
-            raise IdentificationError(f'{experiment.name}: {answer.result.message}')
-        if not await self._until(lambda: self._cycle > before and self._cycle in self._bags, _RECORDED):
-            raise IdentificationError(f'{experiment.name}: the recorder has closed no bag within {_RECORDED:g} s')
-        return self._bags.pop(self._cycle)
-
-    def _submit(self, work, *arguments):
-        """Return the concurrent future of `work` in the process for fits."""
-        if self._pool is None:
-            self._pool = self._workers.enter_context(search_executor(1, ''))
-        return self._pool.submit(work, *arguments)
-
-    def _until(self, condition, timeout=inf):
-        """Return a future that becomes True when `condition()` holds, or False after `timeout` [s, wall]."""
-        self._waiting = condition, self._seconds() + timeout, Future()
-        self._timer.reset()
-        self._look()
-        return self._waiting[-1]
-
-    def _look(self):
-        condition, deadline, future = self._waiting
-        met = bool(condition())
-        if met or self._seconds() > deadline:
-            self._timer.cancel()
-            future.set_result(met)
-
-    def _on_event(self, event):
-        if self._goal is None:
-            return
-        if event.event == CycleEvent.STARTED:
-            self._cycle = event.cycle
-            if self._goal.is_cancel_requested:
-                self._stop()
-        elif event.event == CycleEvent.RECORDED:
-            self._bags[event.cycle] = Path(event.bag)
+        return await self._cycles.run(goal, experiment.name)
 
     def _on_cancel(self, _):
-        self._stop()  # a standing machine ignores it
+        self._cycles.stop('identification was cancelled')
         return CancelResponse.ACCEPT
-
-    def _stop(self):
-        self._events.publish(CycleEvent.STOP, self._cycle, message='identification was cancelled')
-
-    def _seconds(self):
-        return self._wall.now().nanoseconds * 1e-9
 
     def destroy_node(self):
         """Destroy the actions and end the process for fits; `Node.destroy_node` does neither."""
         self._server.destroy()
-        self._motion.destroy()
-        self._workers.close()
+        self._cycles.destroy()
+        self._worker.close()
         super().destroy_node()
 
 

@@ -5,7 +5,7 @@ With the learning target `tool` the correction of node `tool_learning` is added 
 """
 
 from pkm_core.errors import PkmError
-from pkm_core.machines import load_machine
+from pkm_core.machines.geometry import load_geometry
 from pkm_core.motion.trajectory import to_joints
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
@@ -18,6 +18,7 @@ from pkm_nodes.messages.conversions import (
     trajectory_to_msg,
 )
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.parts.reference_correction import ReferenceCorrection
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
 
@@ -27,19 +28,21 @@ class InverseKinematicsNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('inverse_kinematics', **kwargs)
-        self._machine = load_machine(self.machine_setting())
+        geometry = load_geometry(self.machine_setting())
         at_tool = learning_target(self) == 'tool'
         self.check_settings()
+        self._geometry = NodeGeometry(self, geometry)
         self._events = CycleEvents(self, 'inverse_kinematics')
-        self._correction = ReferenceCorrection(self, self._machine, self._events) if at_tool else None
+        self._correction = ReferenceCorrection(self, self._geometry, self._events) if at_tool else None
         self._publisher = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
         self.create_subscription(SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
 
     def _on_poses(self, message):
         if is_identification(message):  # planned in joints: its sender publishes the joint_trajectory
             return
-        machine = self._machine
+        machine, geometry = self._geometry.machine, self._geometry.geometry.digest
         try:
+            self._geometry.refuse_another(message)
             poses = trajectory_from_msg(message, coordinates=machine.coordinates, sample_time=machine.sample_time)
             joints = to_joints(machine, poses)
             feedforward = feedforward_from_msg(message, joints.position.shape)
@@ -56,6 +59,7 @@ class InverseKinematicsNode(PkmNode):
                     motion=message.motion,
                     learning_law=message.learning_law,
                     feedforward=feedforward,
+                    geometry=geometry,
                     planned=planned,
                 )
             )

@@ -22,7 +22,7 @@ from std_msgs.msg import UInt32, UInt64
 from std_srvs.srv import Trigger
 
 from pkm_core.errors import ConfigError
-from pkm_core.machines import load_machine
+from pkm_core.machines.geometry import load_geometry
 from pkm_core.plant.plant import Plant
 from pkm_core.servo.cycle_run import (
     SEND_SAMPLES,
@@ -46,6 +46,7 @@ from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
 from pkm_nodes.parts.cell_lock import CellLock
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
+from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] /clock is published at 100 Hz of simulated time: ROS tools need no more, and every node receives it
@@ -63,7 +64,8 @@ class MachineNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('machine', **kwargs)
-        machine = load_machine(self.machine_setting())
+        geometry = load_geometry(self.machine_setting())
+        machine = geometry.machine
         seed = self.setting('seed', 1, 'seed of everything random in the machine')
         environment = self.setting('environment', 'nominal', ENVIRONMENTS)
         answer_timeout = self.setting('answer_timeout', 5.0, '[s, wall] wait for the answers of a tick')
@@ -95,6 +97,8 @@ class MachineNode(PkmNode):
         by_joint = [f'{joint}/{kind}' for joint in self._joints for kind in ('encoder', 'command')]
         self._of_one_publisher = (*by_joint, 'machine/cycle', 'recorder/tick', 'pose_trajectory')
 
+        # no length is used here; a file of another specimen is refused
+        NodeGeometry(self, geometry, check=lambda other: other.check_specimen(seed, environment))
         self._events = CycleEvents(self, 'machine')
         self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)

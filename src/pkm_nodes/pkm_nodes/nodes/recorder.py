@@ -15,9 +15,9 @@ from rclpy.clock_type import ClockType
 from std_msgs.msg import UInt64
 
 from pkm_core.errors import ConfigError
-from pkm_core.machines import load_machine
+from pkm_core.machines.geometry import load_geometry
 from pkm_core.recording.folder_lock import FolderLock
-from pkm_core.recording.provenance import config_hash, git_revision, loop_hash, machine_hash
+from pkm_core.recording.provenance import config_hash, control_hash, git_revision, joined_hash
 from pkm_core.recording.recording import Recording
 from pkm_core.recording.topics import By, recorded_topics
 from pkm_interfaces.msg import CycleEvent
@@ -27,6 +27,7 @@ from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.parts.cycle_events import CycleEvents
 from pkm_nodes.parts.graph_parameters import GraphParameters
 from pkm_nodes.parts.loaded_config import CONFIG_HASH
+from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
 
@@ -50,16 +51,17 @@ class RecorderNode(PkmNode):
 
     def __init__(self, neighbours=(), **kwargs):
         super().__init__('recorder', **kwargs)
-        self._machine_name = self.machine_setting()
+        machine_name = self.machine_setting()
         control = self.control_setting()
         folder = self.setting('folder', 'bags', 'folder of the bags, one per cycle')
         preroll = self.setting('preroll', 1.0, 'simulated time [s] that a snapshot reaches back')
         self.check_settings()
         if preroll > _LONGEST_PREROLL:
             raise ConfigError(f'recorder: preroll is {preroll} s; allowed: at most {_LONGEST_PREROLL:.0f} s')
-        machine = load_machine(self._machine_name)
+        self._geometry = NodeGeometry(self, load_geometry(machine_name))
+        machine = self._geometry.machine
         self._configuration = machine.configuration
-        self._loop_at_start = loop_hash(machine, control, machine_hash(self._machine_name, machine.configuration))
+        self._control_at_start = control_hash(machine, control)
         self._sample_time = machine.sample_time
         topics = {self.resolve_topic_name(topic.name): topic for topic in recorded_topics(machine.joints)}
         self._parameters_of_cell = GraphParameters(self)
@@ -104,9 +106,12 @@ class RecorderNode(PkmNode):
     def _facts(self, motion, law):
         """Return the metadata of a bag that name software, configuration and parameters."""
         # a controller that is not of this project has no such parameter: then the files at the start of this node count
-        loops = self._parameters_of_cell.values_of(CONFIG_HASH) or [self._loop_at_start]
+        geometry = self._geometry.geometry
+        at_start = joined_hash(geometry.file_hash, self._control_at_start)
+        loops = self._parameters_of_cell.values_of(CONFIG_HASH) or [at_start]
         return {
-            'machine': self._machine_name,
+            'machine': geometry.file,
+            'geometry': geometry.digest,
             'session': self.session,
             'git_revision': git_revision(),
             'config_hash': config_hash(loops, motion, law, self._configuration),

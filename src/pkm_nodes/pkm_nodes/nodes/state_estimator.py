@@ -1,32 +1,47 @@
 """
 Node `state_estimator`: encoders in, the state of the machine as standard messages out, by forward kinematics.
 
-pose and joint_states are always published, because the recorder expects them. twist and markers are published only
-while they have a subscriber.
+pose and joint_states are always published, because the recorder expects them. pose_with_covariance, twist and markers
+are published only while they have a subscriber.
 """
 
 from functools import partial
 from math import cos, sin
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, Twist, TwistStamped, Vector3
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    Twist,
+    TwistStamped,
+    Vector3,
+)
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from pkm_core.design.pose_covariance import PoseCovariance
 from pkm_core.errors import PkmError
-from pkm_core.machines import load_machine
 from pkm_core.machines.description import ROOT, joint_positions
+from pkm_core.machines.geometry import load_geometry
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
-from pkm_nodes.messages.conversions import nanoseconds_of_tick
+from pkm_nodes.messages.conversions import nanoseconds_of_tick, time_of_tick
+from pkm_nodes.messages.diagnostics import COVARIANCE, GEOMETRY, STATE, diagnostics
 from pkm_nodes.messages.markers import LinkMarkers
 from pkm_nodes.messages.template import DOUBLE, POSE, STAMP, Template
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE
+from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] period of the markers, 20 Hz of simulated time: they cost most and are for display only
 MARKERS_EVERY = 100
+# rows of the covariance of a message, x y z and the rotations about them, that have a coordinate
+_ROWS = {'x': 0, 'y': 1, 'z': 2, 'phi': 5}
 # most states that wait for a joint whose samples lag: a joint further behind has lost samples
 _MOST_GATHERED = TICK_QOS.depth // STATES_EVERY
 
@@ -36,24 +51,36 @@ class StateEstimatorNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('state_estimator', **kwargs)
-        self._machine = load_machine(self.machine_setting())
+        geometry = load_geometry(self.machine_setting())
         self.check_settings()
-        joints = self._machine.joints
-        self._previous = None  # tick, joints and pose of the last published state
+        self._geometry = NodeGeometry(self, geometry, self._take_geometry)
         self._tick = -1  # of the last state
         self._gathered = {}  # position by joint, by tick: samples of one joint may lag
-        self._markers = LinkMarkers(self._machine)
+        self._take_geometry()
         self._pose_publisher = self.create_publisher(PoseStamped, 'pose', CYCLE_QOS)
+        self._spread_publisher = self.create_publisher(PoseWithCovarianceStamped, 'pose_with_covariance', CYCLE_QOS)
         self._twist_publisher = self.create_publisher(TwistStamped, 'twist', CYCLE_QOS)
         self._joints_publisher = self.create_publisher(JointState, 'joint_states', CYCLE_QOS)
         header = Header(stamp=STAMP, frame_id=ROOT)
         self._pose = Template(PoseStamped(header=header, pose=POSE))
+        with_spread = PoseWithCovariance(pose=POSE, covariance=np.full(36, DOUBLE))
+        self._pose_with_spread = Template(PoseWithCovarianceStamped(header=header, pose=with_spread))
         speed = Vector3(x=DOUBLE, y=DOUBLE, z=DOUBLE)
         self._twist = Template(TwistStamped(header=header, twist=Twist(linear=speed, angular=Vector3(z=DOUBLE))))
         self._joint_states = {}  # templates by the names of joints and the number of velocities
         self._markers_publisher = self.create_publisher(MarkerArray, 'markers', CYCLE_QOS)
-        for i, joint in enumerate(joints):
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_timer(1.0, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        for i, joint in enumerate(self._machine.joints):
             self.on_tick_topic(EncoderSample, f'{joint}/encoder', partial(self._on_sample, i), size=ENCODER_SAMPLE.size)
+
+    def _take_geometry(self):
+        self._machine = self._geometry.machine
+        self._previous = None  # tick, joints and pose of the last published state
+        self._markers = LinkMarkers(self._machine)
+        self._spread = PoseCovariance(self._machine)
+        rows = [_ROWS[name] for name in self._machine.coordinates]
+        self._places = np.ix_(rows, rows)  # of the coordinates in the covariance of a message
 
     def _on_sample(self, joint, data):
         tick, _, _, _, _, position = ENCODER_SAMPLE.unpack(data)
@@ -81,7 +108,7 @@ class StateEstimatorNode(PkmNode):
             pose, joints = {}, dict(zip(machine.joints, positions.tolist(), strict=True))
         before, self._previous = self._previous, (self._tick, joints, pose)
         if pose:
-            self._publish_pose(time, pose)
+            self._publish_pose(time, pose, positions)
         if pose and self._tick % MARKERS_EVERY == 0 and self._markers_publisher.get_subscription_count():
             self._markers_publisher.publish(self._markers.message(time, joints))
         # mean speed since the last state: one count of 0.2 um in 10 ms is 20 um/s, so no filter is needed
@@ -90,10 +117,14 @@ class StateEstimatorNode(PkmNode):
         if elapsed > 0 and pose and before[2] and self._twist_publisher.get_subscription_count():
             self._publish_twist(time, dict(zip(pose, _rates(pose, before[2], elapsed), strict=True)))
 
-    def _publish_pose(self, time, pose):
+    def _publish_pose(self, time, pose, positions):
         half = pose.get('phi', 0.0) / 2
-        place, turn = (pose['x'], pose['y'], pose.get('z', 0.0)), (0.0, 0.0, sin(half), cos(half))
-        self._pose_publisher.publish(self._pose.filled([*place, *turn], time))
+        numbers = [pose['x'], pose['y'], pose.get('z', 0.0), 0.0, 0.0, sin(half), cos(half)]
+        self._pose_publisher.publish(self._pose.filled(numbers, time))
+        if self._spread_publisher.get_subscription_count():
+            covariance = np.zeros((6, 6))
+            covariance[self._places] = self._spread.at(positions)
+            self._spread_publisher.publish(self._pose_with_spread.filled([*numbers, *covariance.ravel()], time))
 
     def _publish_twist(self, time, rates):
         numbers = [rates['x'], rates['y'], rates.get('z', 0.0), rates.get('phi', 0.0)]
@@ -106,6 +137,14 @@ class StateEstimatorNode(PkmNode):
             gaps = {'position': len(positions) * [DOUBLE], 'velocity': len(velocities) * [DOUBLE]}
             self._joint_states[key] = Template(JointState(header=Header(stamp=STAMP), name=list(positions), **gaps))
         self._joints_publisher.publish(self._joint_states[key].filled([*positions.values(), *velocities], time))
+
+    def _publish_diagnostics(self):
+        spread = self._spread
+        state = 'calibrated' if spread.is_calibrated else 'uncalibrated'
+        values = {STATE: state, COVARIANCE: spread.origin, GEOMETRY: self._geometry.geometry.digest}
+        text = f'{state}; covariance of the pose from {spread.origin}'
+        stamp = time_of_tick(max(0, self._tick), self._machine.sample_time)
+        self._diagnostics.publish(diagnostics(self, DiagnosticStatus.OK, text, values, stamp))
 
 
 def _rates(now, before, elapsed):

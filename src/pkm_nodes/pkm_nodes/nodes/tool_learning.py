@@ -20,12 +20,13 @@ from pkm_core.errors import PkmError
 from pkm_core.learning import make_law
 from pkm_core.learning.tool import ToolLearning, make_tool_law
 from pkm_core.learning.tool_cycles import ToolCycles
-from pkm_core.machines import load_machine
+from pkm_core.machines.geometry import load_geometry
 from pkm_core.motion.trajectory import DERIVATIVES, to_joints
 from pkm_interfaces.msg import CycleError, CycleEvent, LaserSample
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import learns, trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
+from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
 
 # [s, wall] wait for the measurements of a cycle after its successor was planned, and once they have been missing
@@ -39,11 +40,12 @@ class ToolLearningNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('tool_learning', **kwargs)
-        self._source = self.machine_setting(), self.configuration_setting()
-        self._machine = machine = load_machine(*self._source)
+        geometry = load_geometry(self.machine_setting(), self.configuration_setting())
+        machine = geometry.machine
         self._chosen = self.control_setting()
         self._file = self.setting('tool_law', 'laser', 'law: a file of config/learning/tool, or a YAML file')
         self.check_settings()
+        self._geometry = NodeGeometry(self, geometry, self._restart)
         self._gains = choose_control(machine, self._chosen)
         self._cycles = ToolCycles(machine)
         self._motion = None  # (name, law, poses) that is learned
@@ -66,11 +68,14 @@ class ToolLearningNode(PkmNode):
         self._timer.cancel()
         self.offer('tool_learning/reload', self._reload)
 
+    def _restart(self):
+        """Begin the next cycle with the planned reference: the geometry has been exchanged."""
+        self._motion = None
+
     def _reload(self):
-        """Read machine and gains of the configuration again; the next cycle begins with the planned reference."""
-        machine = load_machine(*self._source)
-        self._gains = choose_control(machine, self._chosen)
-        self._machine, self._motion = machine, None
+        """Read the gains of the configuration again; the next cycle begins with the planned reference."""
+        self._gains = choose_control(self._geometry.machine, self._chosen)
+        self._restart()
 
     # measurements
 
@@ -84,7 +89,7 @@ class ToolLearningNode(PkmNode):
 
     def _on_joints(self, message):
         try:
-            machine = self._machine
+            machine = self._geometry.machine
             joints = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
         except PkmError:  # refused by the controllers
             return
@@ -106,6 +111,7 @@ class ToolLearningNode(PkmNode):
         motion = message.motion, message.learning_law, message.position.tobytes()
         if motion != self._motion:
             try:
+                self._geometry.refuse_another(message)
                 self._begin(message)
             except PkmError as error:  # inverse_kinematics refuses these poses
                 self.get_logger().error(f'pose_trajectory of cycle {message.cycle}: {error}')
@@ -122,7 +128,7 @@ class ToolLearningNode(PkmNode):
 
     def _begin(self, message):
         """Make the law for a motion, with its convergence test; a law that is refused learns nothing."""
-        machine = self._machine
+        machine = self._geometry.machine
         poses = trajectory_from_msg(message, coordinates=machine.coordinates, sample_time=machine.sample_time)
         joints = to_joints(machine, poses)
         self._nothing = replace(joints, **{name: np.zeros_like(joints.position) for name in DERIVATIVES})

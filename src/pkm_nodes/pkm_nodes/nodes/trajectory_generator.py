@@ -24,7 +24,7 @@ from pkm_core.errors import PkmError, TrajectoryError
 from pkm_core.identification.plan import in_poses
 from pkm_core.learning import make_law
 from pkm_core.learning.initial import first_feedforward
-from pkm_core.machines import load_machine
+from pkm_core.machines.geometry import load_geometry
 from pkm_core.motion.planning import load_motion, plan, poses_motion
 from pkm_core.motion.trajectory import checked_joints, to_joints
 from pkm_core.servo.goal_cycle import End, GoalCycle, Send, StopCycle, WatchMachine
@@ -32,9 +32,11 @@ from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, Excitation
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import trajectory_from_msg, trajectory_to_msg
+from pkm_nodes.parts.cell_geometry import CellGeometry
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
+from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.parts.presence import Presence
-from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.node import CALIBRATED, CYCLE_QOS, LAST_VALUE_QOS, PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
 
 
@@ -43,13 +45,16 @@ class TrajectoryGeneratorNode(PkmNode):
 
     def __init__(self, **kwargs):
         super().__init__('trajectory_generator', **kwargs)
-        self._machine = load_machine(self.machine_setting(), self.configuration_setting())
+        geometry = load_geometry(self.machine_setting(), self.configuration_setting())
         self._chosen = self.control_setting()
-        self._gains = choose_control(self._machine, self._chosen)
+        self._gains = choose_control(geometry.machine, self._chosen)
+        calibrated = self.setting('calibrated', 'calibrated', CALIBRATED)
         start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')
         metrics_timeout = self.setting('metrics_timeout', 2.0, '[s, wall] from the last tick to the metrics')
         self.check_settings()
-        self._goal = ''  # the running goal and cycle, in words
+        self._goal = ''  # the running goal and cycle, or another work that keeps goals out, in words
+        self._geometry = NodeGeometry(self, geometry)
+        self._cell_geometry = CellGeometry(self, self._geometry, calibrated, self._occupy, self._publish_notice)
         self._cycle = GoalCycle(start_timeout, metrics_timeout)
         self._messages = []  # (publisher, message) of the last cycle
         self._ended = Future()  # End of the last cycle
@@ -67,6 +72,10 @@ class TrajectoryGeneratorNode(PkmNode):
         self._server = ActionServer(
             self, ExecuteMotion, 'execute_motion', self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
         )
+
+    @property
+    def _machine(self):
+        return self._geometry.machine
 
     def _reload(self):
         """Read the gains of the configuration again; learning laws are checked with them before a goal begins."""
@@ -88,6 +97,7 @@ class TrajectoryGeneratorNode(PkmNode):
         try:
             for number in range(1, cycles + 1):
                 self._goal = f'motion {name!r}, cycle {number} of {cycles}'
+                await self._cell_geometry.align()
                 end = await self._run_cycle(first if number == 1 else later)
                 if end.reason:
                     result.message = end.reason
@@ -102,6 +112,11 @@ class TrajectoryGeneratorNode(PkmNode):
                     return result
             goal_handle.succeed()
             return result
+        except PkmError as error:  # a node keeps another geometry
+            result.message = str(error)
+            self.get_logger().error(f'{self._goal}: {error}')
+            goal_handle.abort()
+            return result
         finally:
             self._goal = ''
 
@@ -109,6 +124,16 @@ class TrajectoryGeneratorNode(PkmNode):
         if self._goal:
             name = request.motion or request.experiment.motion or 'poses'
             raise TrajectoryError(f'goal {name!r}: {self._goal} is running; wait for its end or cancel it')
+
+    def _occupy(self, what):
+        """Keep goals out during the work `what`, or let them in again ('')."""
+        if what and (self._goal or self._cycle.is_on_machine):
+            running = self._goal or f'cycle {self._cycle.cycle}'
+            raise TrajectoryError(f'{what}: {running} is running; wait for its end or cancel it')
+        self._goal = what
+
+    def _publish_notice(self, text):
+        self._events.publish(CycleEvent.NOTICE, self._cycle.next_cycle, message=text)
 
     def _plan(self, request):
         """
@@ -127,10 +152,10 @@ class TrajectoryGeneratorNode(PkmNode):
                 f'goal: motion {request.motion!r}, {len(request.poses)} poses and experiment {experiment.motion!r}; '
                 f'give one of them'
             )
-        if request.motion and request.move_time != 0:
-            raise TrajectoryError(
-                f'goal: move_time is {request.move_time} s; motion {request.motion!r} has its own, expected 0'
-            )
+        for name in ('move_time', 'rest_time'):
+            value = getattr(request, name)
+            if request.motion and value != 0:
+                raise TrajectoryError(f'goal: {name} is {value} s; motion {request.motion!r} has its own, expected 0')
         if experiment.coordinates:
             return self._plan_experiment(request)
         machine = self._machine
@@ -138,10 +163,12 @@ class TrajectoryGeneratorNode(PkmNode):
             motion, name = load_motion(request.motion), Path(request.motion).stem
         else:
             poses = [[getattr(pose, name) for name in machine.coordinates] for pose in request.poses]
-            motion, name = poses_motion(machine, poses, request.move_time or None), 'poses'
+            times = request.move_time or None, request.rest_time or None
+            motion, name = poses_motion(machine, poses, *times), 'poses'
         trajectory = plan(machine, motion)
         joints = to_joints(machine, trajectory)  # refuses what inverse_kinematics would refuse after the start
         named = {'cycle': 0, 'motion': name, 'learning_law': request.learning_law or 'none'}
+        named['geometry'] = self._geometry.geometry.digest
         begin = self._begin_learning(request, name, joints)
         return name, *(
             [(self._poses, trajectory_to_msg(trajectory, **named, feedforward=each))] for each in (begin, None)
@@ -178,6 +205,7 @@ class TrajectoryGeneratorNode(PkmNode):
         joints = trajectory_from_msg(experiment, coordinates=machine.joints, sample_time=machine.sample_time)
         checked_joints(machine, joints)
         named = {'cycle': 0, 'motion': experiment.motion, 'kind': SampledTrajectoryMessage.IDENTIFICATION}
+        named['geometry'] = self._geometry.geometry.digest
         messages = [
             *((self._excitation, excitation) for excitation in request.excitation),
             (self._poses, trajectory_to_msg(in_poses(machine, joints), **named)),

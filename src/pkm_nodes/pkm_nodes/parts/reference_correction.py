@@ -26,14 +26,15 @@ class ReferenceCorrection:
     Parameters
     ----------
     node : PkmNode
-    machine : Machine
+    geometry : NodeGeometry
+        Has the machine.
     events : CycleEvents
         For notices.
 
     """
 
-    def __init__(self, node, machine, events):
-        self._machine, self._events, self._logger = machine, events, node.get_logger()
+    def __init__(self, node, geometry, events):
+        self._geometry, self._events, self._logger = geometry, events, node.get_logger()
         self._known = (0, None)  # cycle and message of the last correction
         self._waiting = None  # (cycle, planned trajectory, send)
         self._until = 0.0
@@ -74,7 +75,7 @@ class ReferenceCorrection:
         try:
             if reason:
                 raise PkmError(reason)
-            machine = self._machine
+            machine = self._geometry.machine
             correction = trajectory_from_msg(
                 self._known[1], coordinates=machine.joints, sample_time=machine.sample_time
             )

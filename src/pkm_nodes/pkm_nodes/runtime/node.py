@@ -50,7 +50,7 @@ LAST_VALUE_QOS = QoSProfile(
 MACHINE = 'machine of config/machines, or a YAML file'
 CONTROL = "choice of the controllers: 'robust', 'computed_torque', a file of config/control, or a YAML file"
 
-
+CALIBRATED = 'folder of calibrated machine files; geometry/load takes files from it only'
 PLUGINS = 'comma-separated folders whose Python files may be learning laws; none by default, never named by message'
 
 

@@ -86,7 +86,8 @@ def run(
     cell = {'control': controller, 'seed': seed, 'environment': environment, 'without': without or []}
     cell |= {'learning_target': learning_target}
     # refuses unknown names before a process starts
-    cell_nodes(machine_name, control=controller, without=cell['without'], learning_target=learning_target)
+    options = {'seed': seed, 'environment': environment, 'without': cell['without']}
+    cell_nodes(machine_name, control=controller, learning_target=learning_target, **options)
     out = run_folder(out, goal.machine.name)
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
