@@ -163,8 +163,8 @@ def test_tool_is_judged_during_the_moves_and_at_rest(make_run, tmp_path, capsys)
         assert values['moves_largest_um'] == pytest.approx(3.0, abs=0.01)
         assert 0 < values['rests_rms_um'] < values['rests_largest_um'] == pytest.approx(3.0, abs=0.01)
     verb(tmp_path / 'run', compare=None, out=tmp_path / 'out', json_file=None)
-    assert 'tool by laser against the commanded path' in capsys.readouterr().out
-    assert 'Tool by laser against the commanded path' in (tmp_path / 'out' / 'report.html').read_text()
+    assert 'tool by laser against the commanded path, cycle 1 -> 2' in capsys.readouterr().out
+    assert 'Tool by laser against the commanded path, cycle 1 -&gt; 2' in (tmp_path / 'out' / 'report.html').read_text()
 
 
 def test_step_of_the_laser_is_found_in_its_readings(make_run, tmp_path):

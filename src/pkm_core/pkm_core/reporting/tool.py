@@ -48,20 +48,20 @@ def laser_step(records):
 
 
 def tool_rows(records):
-    """Return [coordinate, cycle, figures in um] of the first and the last of `records`, as text; [] without a laser."""
-    shown = [(record.cycle, tool_figures(record)) for record in first_and_last(records)]
+    """Return [coordinate, figures in um] of the first and the last of `records`, as text; [] without a laser."""
+    shown = [figures for figures in map(tool_figures, first_and_last(records)) if figures]
     return [
-        ['' if number else name, str(cycle), *(f'{figures[name][figure]:.2f}' for figure in FIGURES)]
-        for name in shown[0][1]
-        for number, (cycle, figures) in enumerate(shown)
-        if name in figures
+        [name, *(' -> '.join(f'{figures[name][figure]:.2f}' for figures in shown) for figure in FIGURES)]
+        for name in (shown[0] if shown else ())
     ]
 
 
 def _explanation(records):
+    """Return the title of a table of `tool_rows`, in two parts."""
+    cycles = ' -> '.join(str(record.cycle) for record in first_and_last(records))
     step = laser_step(records)
     shown = '' if step is None else f'; one step of the laser is {1e6 * step:.2f} um'
-    return f'phi on {1e3 * ARM:g} mm{shown}'
+    return f'by laser against the commanded path, cycle {cycles}', f'phi on {1e3 * ARM:g} mm{shown}'
 
 
 def tool_table(records):
@@ -69,23 +69,22 @@ def tool_table(records):
     rows = tool_rows(records)
     if not rows:
         return None
-    title = f'tool by laser against the commanded path:\n{_explanation(records)}'
-    table = RichTable(title=title, title_justify='left')
-    for heading in ('tool', 'cycle', 'moves\nrms [um]', 'largest\n[um]', 'rests\nrms [um]', 'largest\n[um]'):
+    what, units = _explanation(records)
+    table = RichTable(title=f'tool {what}:\n{units}', title_justify='left')
+    for heading in ('tool', 'moves, rms\n[um]', 'largest\n[um]', 'rests, rms\n[um]', 'largest\n[um]'):
         table.add_column(escape(heading), justify='left' if heading == 'tool' else 'right')
-    for number, row in enumerate(rows):
-        following = rows[number + 1 :]
-        table.add_row(*row, end_section=not following or bool(following[0][0]))
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
 def path_table(runs):
     """Return the same figures of several `Run`s as a `Table` for the page; None if none has a laser."""
-    rows = [[f'{run.name}, {row[0]}' if row[0] else '', *row[1:]] for run in runs for row in tool_rows(run.records)]
+    rows = [[f'{run.name}, {row[0]}', *row[1:]] for run in runs for row in tool_rows(run.records)]
     if not rows:
         return None
-    headings = ['', 'cycle', 'moves, rms [um]', 'moves, largest [um]', 'rests, rms [um]', 'rests, largest [um]']
-    return Table(f'Tool by laser against the commanded path; {_explanation(runs[0].records)}', headings, rows)
+    headings = ['', 'moves, rms [um]', 'moves, largest [um]', 'rests, rms [um]', 'rests, largest [um]']
+    return Table(f'Tool {"; ".join(_explanation(runs[0].records))}', headings, rows)
 
 
 def _size(errors):
