@@ -120,7 +120,7 @@ def test_correction_waits_for_measurements_that_come_late(graph):
 
 
 @pytest.mark.parametrize('laser', [False, True])
-def test_silent_or_missing_laser_leaves_learning_to_the_joints(graph, monkeypatch, laser):
+def test_without_the_laser_only_the_joints_learn(graph, monkeypatch, laser):
     monkeypatch.setattr(tool_learning, 'PATIENCE', 0.3)
     graph.start(ToolLearningNode, machine='planar')
     cell = Cell(graph, laser=laser)
@@ -159,7 +159,7 @@ def test_law_that_diverges_is_refused_with_its_frequency(graph, tmp_path):
     assert notice.message.endswith('only the joints learn')
 
 
-def test_controllers_without_the_correction_stop_learning_at_the_tool(graph):
+def test_cycle_without_its_correction_is_not_learned_from(graph):
     """A replacement of inverse_kinematics that ignores joint_correction."""
     graph.start(ToolLearningNode, machine='planar')
     cell = Cell(graph)
