@@ -30,6 +30,7 @@ EXEMPT = {
     ('docs/docker.md', 'docker '): 'there is no Docker engine; test/repository/test_docker.py reads the files',
     ('docs/docker.md', 'PKM_SECURITY=true '): 'there is no Docker engine',
     ('docs/servo_tick.md', '.venv/bin/uv pip install '): 'it fetches from the network',
+    ('docs/reliability.md', 'bringup_scripts/campaign '): 'it takes 30 minutes; test_campaign.py tests its frame',
     ('docs/servo_tick.md', '.venv/bin/pkm bench '): 'it takes many minutes; test_bench.py runs one turn of it',
 }
 # part of a command: text it must print

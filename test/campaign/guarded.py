@@ -1,0 +1,59 @@
+"""Runs a function on a doubtful file in a process of its own, with limits on memory and time."""
+
+import os
+import pickle
+import resource
+import signal
+import traceback
+from pathlib import Path
+
+from pkm_core.errors import PkmError
+
+SECONDS = 20
+MEMORY = 2 << 30  # [B] beyond what the process has at its start
+LONGEST_REFUSAL = 400  # characters
+
+
+def _child(function, pipe):
+    """Run `function` and write its outcome to `pipe`; never returns."""
+    code = 0
+    try:
+        pages = int(Path('/proc/self/statm').read_text().split()[0])
+        limit = pages * resource.getpagesize() + MEMORY
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        signal.alarm(SECONDS)
+        try:
+            function()
+            outcome = ''
+        except PkmError as refusal:
+            text = str(refusal)
+            outcome = f'refusal of {len(text)} characters' if len(text) > LONGEST_REFUSAL else ''
+        except BaseException as error:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            where = f'{os.path.basename(last.filename)}:{last.lineno}'
+            outcome = f'{type(error).__name__} at {where}: {str(error)[:120]}'
+        os.write(pipe, pickle.dumps(outcome))
+    except BaseException:
+        code = 1
+    os._exit(code)
+
+
+def outcome_of(function):
+    """
+    Return '' if `function()` returns or refuses with a `PkmError` in one short message, else what happened.
+
+    The process ends with an exception of another kind, by a signal, or at a limit of time or memory.
+    """
+    read, write = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(read)
+        _child(function, write)
+    os.close(write)
+    with os.fdopen(read, 'rb') as stream:
+        data = stream.read()
+    _, status = os.waitpid(pid, 0)
+    if os.WIFSIGNALED(status):
+        sent = os.WTERMSIG(status)
+        return f'no end within {SECONDS} s' if sent == signal.SIGALRM else f'ended by signal {sent}'
+    return pickle.loads(data) if data else 'ended without an outcome'
