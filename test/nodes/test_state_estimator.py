@@ -10,12 +10,16 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamp
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pkm_core.design.calibration import built_machine
 from pkm_core.design.pose_covariance import PoseCovariance
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
 from pkm_core.machines.description import base_boxes, frames, joint_positions, links, moved
+from pkm_core.machines.geometry import load_geometry
+from pkm_core.machines.identity import Specimen
 from pkm_core.recording.topics import STATES_EVERY
 from pkm_interfaces.msg import EncoderSample
+from pkm_interfaces.srv import SetGeometry
 from pkm_nodes.messages.diagnostics import values_of
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 
@@ -153,6 +157,31 @@ def test_diagnostics_say_that_the_machine_is_uncalibrated(graph):
     values = values_of(received[0].status[0])
     assert values['state'] == 'uncalibrated'
     assert values['covariance'] == 'manufacturing tolerances'
+
+
+def test_another_geometry_is_taken_up(graph, poses):
+    """The pose is that of the calibrated lengths, and the diagnostics have their hash."""
+    drawn = load_geometry('planar')
+    built = built_machine(drawn.machine, {'l2': 40e-6}, Specimen.measured('planar')).config.built
+    lengths = ', '.join(f'{name}: {value} m' for name, value in built.lengths().items())
+    section = (
+        f'built: {{specimen: {{machine: planar, origin: measured machine}}, {lengths}, marks: {{d1: 0 m, d3: 0 m}}}}'
+    )
+    calibrated = drawn.exchanged('new.yaml', f'{drawn.text}\n{section}\n')
+    received = graph.listen(DiagnosticArray, '/diagnostics')
+    graph.start(StateEstimatorNode, machine='planar')
+    request = SetGeometry.Request(file='new.yaml', text=calibrated.text)
+    answer = graph.call(SetGeometry, 'state_estimator/geometry', request)
+    assert (answer.success, answer.geometry) == (True, calibrated.digest), answer.message
+    received.clear()
+    q = drawn.machine.home + 1e-3
+    Encoders(graph, drawn.machine).send(0, q)
+    graph.spin_until(lambda: poses and received, 'a pose and diagnostics')
+    position = poses[0].pose.position
+    assert [position.x, position.y] == calibrated.machine.forward(q).tolist() != drawn.machine.forward(q).tolist()
+    values = values_of(received[0].status[0])
+    assert (values['state'], values['geometry']) == ('calibrated', calibrated.digest)
+    assert values['covariance'] == 'manufacturing tolerances', 'the file states no uncertainty'
 
 
 def test_markers_show_every_box_at_its_position(graph, encoders, machine):

@@ -74,7 +74,7 @@ def test_goal_does_not_wait_for_a_controller_without_metrics(graph, goals, stand
 
 def test_poses_are_visited_from_home_and_back(graph, goals, stand_in, machine):
     graph.start(TrajectoryGeneratorNode)
-    goal = goals.send(poses=[NEAR_HOME], move_time=0.05)
+    goal = goals.send(poses=[NEAR_HOME], move_time=0.05, rest_time=0.2)
     message = stand_in.run(1)
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
     assert message.motion == 'poses'
@@ -85,6 +85,7 @@ def test_poses_are_visited_from_home_and_back(graph, goals, stand_in, machine):
     assert position[message.move_ends[0]] == pytest.approx(reached)
     assert position[-1] == pytest.approx(home)
     assert message.move_ends[0] - message.move_starts[0] == round(0.05 / machine.sample_time)
+    assert message.move_starts[1] - message.move_ends[0] == round(0.2 / machine.sample_time)
 
 
 def test_trajectory_is_resent_until_the_machine_starts(graph, goals, stand_in):
@@ -110,6 +111,8 @@ def test_trajectory_is_resent_until_the_machine_starts(graph, goals, stand_in):
         ({'motion': MOTION, 'poses': [NEAR_HOME]}, "motion 'four_dof_70ms', 1 poses and experiment ''; give one"),
         ({'motion': MOTION, 'move_time': math.nan}, 'goal: move_time is nan s'),
         ({'motion': MOTION, 'move_time': 0.1}, 'goal: move_time is 0.1 s'),
+        ({'motion': MOTION, 'rest_time': 0.1}, 'goal: rest_time is 0.1 s'),
+        ({'poses': [NEAR_HOME], 'rest_time': 0.01}, 'rest time is 0.01 s; expected more than 0.02 s'),
         ({}, "goal: motion '', 0 poses and experiment ''; give one of them"),
         ({'poses': [NEAR_HOME, NAN]}, 'pose 1: z is nan; expected a finite number'),
         ({'poses': [BELOW_THE_TABLE]}, 'target 0: z = -50 mm; allowed 10 to 126.6 mm (length of links 10 and 12)'),

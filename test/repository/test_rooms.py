@@ -26,7 +26,8 @@ CORE = {
     'reporting': 'bag machines motion thesis recording',
     'experiments': 'machines motion plant control thesis tuning learning bag identification recording simulation '
     'design reporting',
-    'commissioning': 'control tuning identification simulation learning reporting recording plant',
+    'commissioning': 'control tuning identification simulation learning reporting recording plant design machines '
+    'motion',
     'api': 'machines motion plant control thesis tuning learning bag identification recording simulation design '
     'reporting experiments commissioning',
     'verbs': 'machines motion plant control thesis tuning learning bag identification recording simulation design '

@@ -7,16 +7,21 @@ import pytest
 
 from pkm_core.commissioning.config_copy import copy_config
 from pkm_core.commissioning.measured import MeasuredResponse, check_measured
-from pkm_core.commissioning.procedure import Identified, commission
-from pkm_core.commissioning.report import candidate_table, error_table, verdict, write_page
+from pkm_core.commissioning.procedure import Calibrated, Identified, commission
+from pkm_core.commissioning.report import candidate_table, end_point_table, error_table, verdict, write_page
+from pkm_core.commissioning.simulated_bench import SimulatedBench
 from pkm_core.config import Configuration
 from pkm_core.control.margins import perturbed_models, stability_margins, unit_circle
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
 from pkm_core.control.systems import plant_system
+from pkm_core.design.pose_plan import spread_poses
+from pkm_core.design.verification import Verification
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.metrics import AxisMetrics
+from pkm_core.motion.planning import default_motion, load_motion
+from pkm_core.simulation.true_rests import true_rests
 from pkm_core.tuning.config import load_tuning
 
 UM = 1e-6
@@ -42,9 +47,10 @@ def response_of(model, machine, name='d1_sweep_0', coherence=1.0):
 class Bench:
     """A bench with axes as in `truth` and with moves whose errors are given by the test."""
 
-    def __init__(self, machine, place, *, responses_of=response_of, errors=None):
+    def __init__(self, machine, place, *, responses_of=response_of, errors=None, calibrated=None):
         self._machine, self._place, self._responses_of = machine, place, responses_of
         self._errors = {'as_found': 50 * UM, 'tuned': 20 * UM, 'restored': 50 * UM, 'inverse': 20 * UM} | (errors or {})
+        self._calibrated = calibrated  # a `Calibrated`, or the error that is raised
         self.started = []  # (name, model, gains of d1) that ran
         self.moves = []
 
@@ -61,6 +67,12 @@ class Bench:
         models = load_model(self._machine, file)
         responses = {joint: [self._responses_of(model, self._machine)] for joint, model in models.items()}
         return Identified(file, responses, ['d1: a warning'])
+
+    def calibrate(self, on_step):
+        self.moves.append('calibrate')
+        if isinstance(self._calibrated, Exception):
+            raise self._calibrated
+        return self._calibrated
 
     def move(self, cycles, law, on_step):
         name = self.started[-1][0] if law == 'none' else law
@@ -79,12 +91,18 @@ def small():
     return config.model_copy(update={'search': search})
 
 
-def run(bench, place, config, folder):
+def calibrated(file, reasons=()):
+    """Return a `Calibrated` whose errors go from 8 to 0.1 um."""
+    rows = (np.full(2, value * UM) for value in (0.05, 8.0, 0.1, 12.0, 0.2))
+    return Calibrated(file, list(reasons), 1.02, Verification(('x', 'y'), 8, *rows))
+
+
+def run(bench, place, config, folder, calibrate=False):
     steps = []
     with ThreadPoolExecutor(1) as executor:
         outcome = commission(
             place.machine, bench, place, config, law='inverse', cycles=3, limit=30 * UM, seed=1, executor=executor,
-            folder=folder / 'search', on_step=lambda *step: steps.append(step),
+            folder=folder / 'search', on_step=lambda *step: steps.append(step), calibrate=calibrate,
         )  # fmt: skip
     return outcome, steps
 
@@ -168,6 +186,56 @@ def test_old_gains_are_kept_if_no_candidate_is_found(planar, place, small, tmp_p
     outcome, _ = run(bench, place, impossible, tmp_path)
     assert 'none of 320 candidates satisfies all limits' in outcome.reasons[0]
     assert bench.started[-1][0] == 'restored'
+
+
+def test_lengths_are_calibrated_between_acceptance_and_learning(planar, place, small, tmp_path):
+    file = tmp_path / 'planar.yaml'
+    file.write_text('calibrated')
+    bench = Bench(place.machine, place, calibrated=calibrated(file))
+    outcome, _ = run(bench, place, small, tmp_path, calibrate=True)
+    assert bench.moves[1:] == [('tuned', 1, 'none'), 'calibrate', ('inverse', 3, 'inverse')]
+    assert place.configuration.find('machines', 'planar').read_text() == 'calibrated'
+    assert verdict(outcome)[1] == 'The calibrated lengths are in use: misfit 1.02 of the noise.'
+    assert end_point_table(planar, outcome).rows[0] == ['x [um]', '8.000', '0.100', '12.000', '0.200', '0.050']
+    write_page(tmp_path / 'report.html', planar, outcome, {})
+    assert 'End point at rest by laser' in (tmp_path / 'report.html').read_text()
+
+
+@pytest.mark.parametrize('refusal', [PkmError('misfit 4.30'), calibrated(None, ['misfit 4.30'])])
+def test_refused_calibration_keeps_lengths_and_gains(planar, place, small, tmp_path, refusal):
+    before = place.configuration.find('machines', 'planar').read_bytes()
+    bench = Bench(place.machine, place, calibrated=refusal)
+    outcome, _ = run(bench, place, small, tmp_path, calibrate=True)
+    assert outcome.accepted
+    assert bench.moves[-1] == ('inverse', 3, 'inverse')
+    assert place.configuration.find('machines', 'planar').read_bytes() == before
+    assert verdict(outcome)[1] == 'The former lengths stay in use: misfit 4.30'
+
+
+def test_calibration_is_left_out_without_accepted_gains(planar, place, small, tmp_path):
+    bench = Bench(place.machine, place, errors={'tuned': 40 * UM}, calibrated=PkmError('never called'))
+    outcome, _ = run(bench, place, small, tmp_path, calibrate=True)
+    assert 'calibrate' not in bench.moves
+    assert outcome.not_calibrated == ''
+    assert end_point_table(planar, outcome).rows == []
+
+
+def test_simulated_bench_calibrates_its_own_specimen(place, tmp_path):
+    """The end point is where it is sent, by the truth, and the next moves use the calibrated lengths."""
+    machine, seed = place.machine, 4
+    motion = load_motion(default_motion(machine))
+    bench = SimulatedBench(machine, 'planar', motion, seed=seed, environment='nominal', folder=tmp_path)
+    found = bench.calibrate(lambda *_: None)
+    assert found.reasons == []
+    assert found.verification.better == ('x', 'y')
+    place.install_machine(found.machine_file)
+    known = load_machine('planar', place.configuration)
+    poses = spread_poses(machine, 8, 11)
+    before, after = (true_rests(each, poses, seed) - poses for each in (machine, known))
+    before, after = (np.abs(errors - errors.mean(axis=0)).max(axis=0) for errors in (before, after))
+    assert before[0] > 1e-6
+    assert (after < 0.4e-6).all()
+    assert bench.move(1, 'none', lambda *_: None)[0][0].max_dynamic_error < 30e-6
 
 
 def test_report_page_has_the_outcome_and_is_self_contained(planar, place, small, tmp_path):

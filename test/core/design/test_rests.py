@@ -5,8 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import typer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from typer.testing import CliRunner
 
 from pkm_core.bag.signals import Signal
 from pkm_core.control.robust import load_control
@@ -20,6 +22,7 @@ from pkm_core.machines import load_machine
 from pkm_core.machines.identity import Specimen
 from pkm_core.motion.trajectory import to_joints
 from pkm_core.simulation.cycles import run_cycles
+from pkm_core.verbs.calibrate import calibrate
 
 PLANAR, FOUR_DOF, LASER = load_machine('planar'), load_machine('four_dof'), load_laser()
 SEED = 5
@@ -201,3 +204,50 @@ def test_bad_bag_of_another_recorder_is_refused(cycle, tmp_path, changes, reason
     path = foreign_bag(tmp_path / 'bag', cycle, changes.pop('back', None))
     with pytest.raises(PkmError, match=reason):
         foreign_rests(path, **changes)
+
+
+# the command
+
+
+def calibrate_bags(folder, *options):
+    app = typer.Typer()
+    app.command()(calibrate)
+    out = ('--machine', 'planar', '--out', folder / 'out', '--json', folder / 'found.json')
+    result = CliRunner().invoke(app, list(map(str, (*options, *out))), catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return json.loads((folder / 'found.json').read_text())
+
+
+def test_command_calibrates_from_bags_of_a_cell(cycle, start_recording, tmp_path):
+    """One bag three times and more is enough for the command; its poses are few, and its file names the specimen."""
+    path = cell_bag(start_recording, cycle, {'machine': {'seed': SEED, 'environment': 'nominal'}})
+    found = calibrate_bags(tmp_path, *('--bag', path) * 4)
+    assert (found['poses_used'], found['poses_held_out']) == (15, 5)
+    assert found['specimen'] == 'planar, seed 5, environment nominal'
+    assert found['errors']['calibrated']['x_um'] < 0.2 < found['errors']['drawing']['x_um']
+    known = load_machine(tmp_path / 'out' / 'calibrated' / 'planar.yaml')
+    known.check_specimen(SEED, 'nominal')
+    again = calibrate_bags(tmp_path, '--measurements', tmp_path / 'out' / 'measurements.csv')
+    assert again['specimen'] == found['specimen']
+    assert again['misfit'] == pytest.approx(found['misfit'], rel=1e-3)
+
+
+def test_command_calibrates_from_bags_of_another_recorder(cycle, tmp_path):
+    path = foreign_bag(tmp_path / 'bag', cycle)
+    encoders = [part for joint in PLANAR.joints for part in ('--encoder-topic', f'/scale/{joint}')]
+    laser = (
+        '--laser-topic',
+        '/tracker',
+        '--laser-field',
+        'vector.x',
+        '--laser-field',
+        'vector.y',
+        '--laser-unit',
+        'um',
+    )
+    options = (*('--bag', path) * 4, *encoders, '--encoder-unit', '0.2 um', *laser, '--rest', 125)
+    found = calibrate_bags(tmp_path, *options)
+    assert found['specimen'] == 'planar, measured machine'
+    assert found['errors']['calibrated']['x_um'] < 0.3 < found['errors']['drawing']['x_um']
+    with pytest.raises(PkmError, match=r"--laser-field: 1 given; expected one per name of \['x', 'y'\]"):
+        calibrate_bags(tmp_path, *options[: -len(laser) - 2], '--laser-topic', '/tracker')

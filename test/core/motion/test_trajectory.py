@@ -113,6 +113,19 @@ def test_poses_are_visited_in_order_and_the_end_is_home():
     np.testing.assert_allclose(trajectory.position[0], home, atol=1e-12)
 
 
+@pytest.mark.parametrize(('rest', 'samples'), [(None, 200), (0.15, 300)])
+def test_rest_between_two_poses_has_the_given_duration(rest, samples):
+    poses = PLANAR.forward(PLANAR.home + np.array([[2, -3], [-5, 2]]) * MM)
+    trajectory = plan(PLANAR, poses_motion(PLANAR, poses, 0.05, rest))
+    assert (trajectory.move_starts[1:] - trajectory.move_ends[:-1]).tolist() == [samples, samples]
+
+
+@pytest.mark.parametrize('rest', [0.02, -1.0, np.nan, np.inf])
+def test_rest_shorter_than_the_lead_is_refused(rest):
+    with pytest.raises(TrajectoryError, match=r'rest time is .* s; expected more than 0.02 s'):
+        poses_motion(PLANAR, [[0.1, 0.07]], 0.05, rest)
+
+
 def test_poses_motion_has_the_default_move_time():
     assert poses_motion(PLANAR, [PLANAR.forward(PLANAR.home)]).move_time == 70e-3
 

@@ -113,6 +113,7 @@ def test_cycle_is_numbered_after_the_last_one_of_the_machine():
     cycle = cycle_in(IDLE)
     cycle.numbered(41)
     cycle.numbered(7)
+    assert cycle.next_cycle == 42
     assert cycle.begin(0.0) == (Send(42),)
     assert cycle.begin(0.0) == (Send(43),)
 

@@ -10,7 +10,7 @@ from pkm_core.plant.random_truth import draw_truth
 
 class ConfigCopy:
     """
-    A copy of the configuration in which model and gains of one machine can be replaced.
+    A copy of the configuration in which model, gains and lengths of one machine can be replaced.
 
     Attributes
     ----------
@@ -36,6 +36,10 @@ class ConfigCopy:
         for source, target in ((model_file, self.model_file), (gains_file, self.gains_file)):
             if source is not None:
                 shutil.copyfile(source, target)
+
+    def install_machine(self, machine_file):
+        """Copy the calibrated `machine_file` over the file of the machine."""
+        shutil.copyfile(machine_file, self.configuration.folder / 'machines' / f'{self.machine.name}.yaml')
 
     def restore(self):
         """Restore models and gains to their state at construction."""

@@ -1,11 +1,12 @@
 """
-Procedure from an unknown machine to a learned motion: identify, tune, check, apply, accept, learn.
+Procedure from an unknown machine to a learned motion: identify, tune, check, apply, accept, calibrate, verify, learn.
 
 The steps run on a bench: a machine with its controllers, simulated without ROS (`SimulatedBench`) or as a cell of
 nodes. A bench has
 
     start(name)                          reload the installed files into the controllers
     identify(on_step) -> Identified      identify the models of all axes
+    calibrate(on_step) -> Calibrated     measure the lengths by laser, verify them, and take them up
     move(cycles, law, on_step)           run cycles; return one list of `AxisMetrics` per cycle, one entry per joint
 """
 
@@ -17,6 +18,7 @@ from pkm_core.commissioning.measured import MeasuredResponse, check_measured
 from pkm_core.control.margins import Margins
 from pkm_core.control.model import AxisModel, load_model
 from pkm_core.control.robust import load_control
+from pkm_core.design.verification import Verification
 from pkm_core.errors import PkmError
 from pkm_core.tuning.tune import tune
 
@@ -28,6 +30,16 @@ class Identified:
     model_file: Path  # with the plots in the same folder
     responses: dict[str, list[MeasuredResponse]]  # by joint
     warnings: list[str]
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """Result of a calibration by laser, and its verification at other poses."""
+
+    machine_file: Path | None  # that the bench uses now; None: the former lengths stay in use
+    reasons: list[str]  # why they stay in use
+    misfit: float  # residuals over the noise
+    verification: Verification
 
 
 @dataclass
@@ -44,6 +56,8 @@ class Commissioning:
     tuned: list = field(default_factory=list)  # the acceptance move
     reasons: list[str] = field(default_factory=list)  # for rejection of the new gains; empty if they were kept
     restored: list = field(default_factory=list)  # a move with the restored gains
+    calibrated: Calibrated | None = None
+    not_calibrated: str = ''  # the error, if the new gains were kept and the calibration failed
     learned: list = field(default_factory=list)
     not_learned: str = ''  # the error, if the new gains were kept and learning failed
 
@@ -53,12 +67,13 @@ class Commissioning:
         return bool(self.tuned) and not self.reasons
 
 
-def commission(machine, bench, place, config, *, law, cycles, limit, seed, executor, folder, on_step):
+def commission(machine, bench, place, config, *, law, cycles, limit, seed, executor, folder, on_step, calibrate=True):
     """
     Commission `machine` and return the result, a `Commissioning`.
 
     New gains are applied only after a check on the measured responses, and kept only after the acceptance move.
-    Otherwise the original files are restored, and one more move confirms it.
+    Otherwise the original files are restored, and one more move confirms it. With the new gains the lengths are
+    calibrated by laser and the motion is learned; if the calibration is refused, the former lengths stay in use.
 
     Parameters
     ----------
@@ -84,6 +99,8 @@ def commission(machine, bench, place, config, *, law, cycles, limit, seed, execu
         Folder for the search and the gains.
     on_step : callable
         ``on_step(what, share)`` with the completed share of this step, 0 to 1.
+    calibrate : bool
+        Whether to calibrate.
 
     Raises
     ------
@@ -111,12 +128,28 @@ def commission(machine, bench, place, config, *, law, cycles, limit, seed, execu
         bench.start('restored')
         on_step('the motion with the old gains', 0.0)
         outcome.restored = bench.move(1, 'none', on_step)
-    else:
-        try:
-            outcome.learned = bench.move(cycles, law, on_step)
-        except PkmError as error:  # the gains are kept
-            outcome.not_learned = str(error)
+        return outcome
+    if calibrate:
+        _calibrate(bench, place, outcome, on_step)
+    try:
+        outcome.learned = bench.move(cycles, law, on_step)
+    except PkmError as error:  # the gains are kept
+        outcome.not_learned = str(error)
     return outcome
+
+
+def _calibrate(bench, place, outcome, on_step):
+    """Calibrate on the `bench`, install an accepted machine file, and add the result to `outcome`."""
+    on_step('calibration', 0.0)
+    try:
+        outcome.calibrated = bench.calibrate(on_step)
+    except PkmError as error:  # the gains are kept
+        outcome.not_calibrated = str(error)
+        return
+    if outcome.calibrated.machine_file is None:
+        outcome.not_calibrated = '; '.join(outcome.calibrated.reasons)
+    else:
+        place.install_machine(outcome.calibrated.machine_file)
 
 
 def _design(machine, outcome, place, config, gains, seed, executor, folder, on_step):

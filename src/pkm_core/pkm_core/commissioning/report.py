@@ -10,6 +10,7 @@ from pkm_core.commissioning.measured import measured_loop
 from pkm_core.control.margin_plots import draw_nyquist
 from pkm_core.control.margins import unit_circle
 from pkm_core.control.systems import plant_system
+from pkm_core.design.units import units
 from pkm_core.plotting import new_figure
 from pkm_core.recording.provenance import git_revision
 from pkm_core.reporting.page import figure_fragment, page, remark_fragment, table_fragment
@@ -19,8 +20,12 @@ from pkm_core.reporting.tables import Table
 def verdict(outcome):
     """Return the outcome as a list of sentences."""
     if outcome.accepted:
-        kept = ['The new gains have passed the acceptance move and are kept.']
-        return [*kept, f'The motion was not learned: {outcome.not_learned}'] if outcome.not_learned else kept
+        texts = ['The new gains have passed the acceptance move and are kept.']
+        if outcome.not_calibrated:
+            texts.append(f'The former lengths stay in use: {outcome.not_calibrated}')
+        elif outcome.calibrated:
+            texts.append(f'The calibrated lengths are in use: misfit {outcome.calibrated.misfit:.2f} of the noise.')
+        return [*texts, f'The motion was not learned: {outcome.not_learned}'] if outcome.not_learned else texts
     return ['The new gains are not kept; model and gains are restored. Reasons:', *outcome.reasons]
 
 
@@ -40,6 +45,21 @@ def error_table(machine, outcome):
     ]  # fmt: skip
     headings = [*(f'{name} [um]' for name in moves), *(f'{name}: to 5 um [ms]' for name in moves)]
     return Table('Largest dynamic error and settling time of the motion', ['axis', *headings], rows)
+
+
+def end_point_table(machine, outcome):
+    """Return the table of the end point at rest by laser before and after the calibration, one row per coordinate."""
+    rows = []
+    if outcome.calibrated:
+        found = outcome.calibrated.verification
+        columns = (found.before, found.after, found.before_largest, found.after_largest, found.noise)
+        for i, (name, (factor, unit)) in enumerate(zip(found.coordinates, units(machine), strict=True)):
+            rows.append([f'{name} [{unit}]', *(f'{factor * column[i]:.3f}' for column in columns)])
+    title = 'End point at rest by laser at poses not used, less the mean'
+    if outcome.calibrated and outcome.calibrated.machine_file is None:
+        title += '; not taken up'
+    headings = ['', 'before, rms', 'calibrated, rms', 'before, largest', 'calibrated, largest', 'noise']
+    return Table(title, headings, rows)
 
 
 def model_table(outcome):
@@ -91,7 +111,8 @@ def write_page(path, machine, outcome, facts):
     revision = remark_fragment(f'written by pkm commission, revision {git_revision()}')
     sections = [
         ('Outcome', [*(f'<p>{html.escape(text)}</p>' for text in verdict(outcome)),
-                     table_fragment(error_table(machine, outcome)), table_fragment(table), revision]),
+                     table_fragment(error_table(machine, outcome)), *_end_point(machine, outcome),
+                     table_fragment(table), revision]),
         ('Identification', [table_fragment(model_table(outcome)), *map(remark_fragment, outcome.identified.warnings)]),
         ('Gains', [table_fragment(candidate_table(outcome)), table_fragment(measured_table(outcome))]),
     ]  # fmt: skip
@@ -104,6 +125,10 @@ def write_page(path, machine, outcome, facts):
     pictures = sorted(outcome.identified.model_file.parent.glob('*.png'))
     sections.append(('Measurements', [_png(picture) for picture in pictures]))
     path.write_text(page(f'{machine.name}: commissioning', sections), encoding='utf-8')
+
+
+def _end_point(machine, outcome):
+    return [table_fragment(end_point_table(machine, outcome))] if outcome.calibrated else []
 
 
 _LOOPS = (

@@ -1,5 +1,6 @@
 """
-Steps of a calibration in a running cell that need no ROS: plan, fit and check. They run in a worker process.
+Steps of a calibration in a running cell that need no ROS: plan, fit and check. They run in a worker process. The
+node that submits them starts without scipy.
 
 The poses of the fit and those of the verification are visited in the same cycles. A calibration is accepted if it
 predicts the verification poses better than the geometry in use. After it has been taken up, the verification poses are
@@ -19,8 +20,6 @@ from pkm_core.design.calibration_study import CalibrationStudy
 from pkm_core.design.information import weakest_direction
 from pkm_core.design.measurement import load_laser, write_measurements
 from pkm_core.design.pose_plan import plan_poses, spread_poses
-from pkm_core.design.rest_bags import rests_from_bag
-from pkm_core.design.rests import joined
 from pkm_core.design.tolerances import load_tolerances
 from pkm_core.design.verification import FEWEST_HELD, Verification, verify
 from pkm_core.errors import PkmError
@@ -107,6 +106,9 @@ class CellCalibration:
 
 def measure(machine, bags, namespace, averaging):
     """Return the `Measurements` of the rests in `bags`, one per cycle, in order."""
+    from pkm_core.design.rest_bags import rests_from_bag
+    from pkm_core.design.rests import joined
+
     laser = load_laser()
     return joined([rests_from_bag(bag, machine, laser, namespace=namespace, averaged=averaging) for bag in bags])
 
@@ -136,12 +138,17 @@ def fit_bags(machine, machine_name, bags, namespace, request, file):
         If a bag is refused, the misfit is too large, or a file cannot be written.
 
     """
-    from pkm_core.design.calibration_figures import draw_calibration
-
     seen = measure(machine, bags, namespace, request.averaging)
     expected = request.poses + request.verification
     if len(seen.q) != expected:
         raise PkmError(f'{Path(bags[0]).parent}: {len(seen.q)} rests in {len(bags)} bags; expected {expected}')
+    return fit_measurements(machine, machine_name, seen, request, file, f'{len(bags)} cycles of a cell')
+
+
+def fit_measurements(machine, machine_name, seen, request, file, source):
+    """Do what `fit_bags` does with the `Measurements` `seen` of all poses; the text `source` names their origin."""
+    from pkm_core.design.calibration_figures import draw_calibration
+
     used, held = seen.rows(slice(request.poses)), seen.rows(slice(request.poses, None))
     tolerances, noise = load_tolerances(), seen.noise(machine, load_laser())
     found = calibrate(machine, used, tolerances, noise)
@@ -152,8 +159,8 @@ def fit_bags(machine, machine_name, bags, namespace, request, file):
     folder = writable_folder(file.parent)
     with refused_if_unwritable(folder):
         write_measurements(folder / 'measurements.csv', machine, seen)
-        write_calibrated_machine(file, machine_name, found, f'{len(bags)} cycles of a cell', machine.configuration)
-        draw_calibration(folder, CalibrationStudy(found, used, held, noise, before, after))
+        write_calibrated_machine(file, machine_name, found, source, machine.configuration)
+        draw_calibration(folder, CalibrationStudy(found, used, held, noise, before, after, verification))
     errors = positioning(held, verification_poses(machine, request))
     return CellCalibration(found, verification, errors, f'singular value {value:.2g}: {mix}', machine, file)
 

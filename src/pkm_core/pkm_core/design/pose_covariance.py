@@ -24,8 +24,6 @@ class PoseCovariance:
 
     Attributes
     ----------
-    is_calibrated : bool
-        Whether the lengths of the machine are measured and their uncertainty is known.
     origin : str
         Where the covariance of the lengths comes from, in words.
 
@@ -42,7 +40,6 @@ class PoseCovariance:
     def __init__(self, machine):
         self._machine = machine
         known = getattr(getattr(machine.config, 'built', None), 'uncertainty', None)
-        self.is_calibrated = known is not None
         mechanism = machine.config.mechanism
         if known is not None:
             self.origin = 'calibration'

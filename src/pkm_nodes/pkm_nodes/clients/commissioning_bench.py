@@ -6,12 +6,21 @@ from pathlib import Path
 import numpy as np
 
 from pkm_core.commissioning.measured import MeasuredResponse
-from pkm_core.commissioning.procedure import Identified
+from pkm_core.commissioning.procedure import Calibrated, Identified
+from pkm_core.design.cell_calibration import Request as CalibrationRequest
+from pkm_core.design.verification import Verification
 from pkm_core.errors import PkmError
 from pkm_core.identification.plan import Request
+from pkm_nodes.clients.calibrate_client import CalibrateClient
 from pkm_nodes.clients.cell_processes import CellProcesses
 from pkm_nodes.clients.identify_client import IdentifyClient
 from pkm_nodes.clients.own_bags import read_own
+
+_PLAN_SEED = 1  # of the poses, as that of `pkm calibrate-cell`
+
+
+class _Client(IdentifyClient, CalibrateClient):
+    """Client of a running cell for all steps."""
 
 
 class CellBench:
@@ -55,7 +64,7 @@ class CellBench:
         self._processes = self._stack.enter_context(
             CellProcesses(self._machine_name, folder=self._folder / name, **self._options)
         )
-        self._client = self._stack.enter_context(IdentifyClient(session=self._processes.session))
+        self._client = self._stack.enter_context(_Client(session=self._processes.session))
         self._client.wait_until_up(self._processes.check)
         self._is_well = True
 
@@ -68,6 +77,22 @@ class CellBench:
         result = self._client.identify(Request(), self._processes.check, on_feedback)
         responses = {fit.joint: [_response(each) for each in fit.responses] for fit in result.fits}
         return Identified(Path(result.model_file), responses, list(result.warnings))
+
+    def calibrate(self, on_step):
+        """Calibrate the cell and return the `Calibrated`; an accepted machine file is in use from then on."""
+
+        def on_feedback(feedback):
+            visit = f'pose {feedback.pose} of {feedback.poses}' if feedback.poses else 'fit'
+            on_step(f'calibrating: {visit}', feedback.progress)
+
+        request = CalibrationRequest(seed=_PLAN_SEED)
+        result = self._client.calibrate(request, '.', self._processes.check, on_feedback)
+        columns = (
+            np.array(getattr(result, name)) for name in ('noise', 'before', 'after', 'before_largest', 'after_largest')
+        )
+        verification = Verification(tuple(result.coordinates), request.verification, *columns)
+        file, reasons = Path(result.file), [result.message] if result.message else []
+        return Calibrated(None if reasons else file, reasons, result.misfit, verification)
 
     def move(self, cycles, law, on_step):
         """Return the metrics of `cycles` cycles of the motion."""

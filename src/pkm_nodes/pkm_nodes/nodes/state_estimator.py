@@ -139,10 +139,10 @@ class StateEstimatorNode(PkmNode):
         self._joints_publisher.publish(self._joint_states[key].filled([*positions.values(), *velocities], time))
 
     def _publish_diagnostics(self):
-        spread = self._spread
-        state = 'calibrated' if spread.is_calibrated else 'uncalibrated'
-        values = {STATE: state, COVARIANCE: spread.origin, GEOMETRY: self._geometry.geometry.digest}
-        text = f'{state}; covariance of the pose from {spread.origin}'
+        geometry, origin = self._geometry.geometry, self._spread.origin
+        state = 'calibrated' if geometry.is_calibrated else 'uncalibrated'
+        values = {STATE: state, COVARIANCE: origin, GEOMETRY: geometry.digest}
+        text = f'{state}; covariance of the pose from {origin}'
         stamp = time_of_tick(max(0, self._tick), self._machine.sample_time)
         self._diagnostics.publish(diagnostics(self, DiagnosticStatus.OK, text, values, stamp))
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pkm_core.arrangement import Arrangement
+from pkm_core.design.specimen import LINKS
 from pkm_core.files import write_json
 from pkm_core.learning import law_file
 from pkm_core.machines import load_machine
@@ -47,6 +48,9 @@ def commission(
     accept: Annotated[
         float, typer.Option(min=0.0, help='Largest accepted dynamic error of the acceptance move [um].')
     ] = 50.0,
+    calibrate: Annotated[
+        bool, typer.Option(help='Measure the lengths of the machine by laser, and take them up.')
+    ] = True,
     tuning: TuningOption = 'robust',
     seed: SeedOption = 1,
     environment: EnvironmentOption = 'nominal',
@@ -55,11 +59,12 @@ def commission(
     json_file: JsonOption = None,
 ):
     """
-    Commission a machine: identify, tune, check on the measured response, apply, accept, learn, report.
+    Commission a machine: identify, tune, check on the measured response, apply, accept, calibrate, verify, learn,
+    report.
 
-    If a step fails, the former gains are restored, the report gives the reason, and the exit code is 1. Writes
-    report.html, OUT/config with the model and the gains (use them with `PKM_CONFIG=OUT/config pkm run`), bags, figures,
-    and the search.
+    If a step up to acceptance fails, the former gains are restored, the report gives the reason, and the exit code is
+    1. Writes report.html, OUT/config with model, gains and calibrated machine (use them with `PKM_CONFIG=OUT/config pkm
+    run`), bags, figures, and the search.
 
     Example: `pkm commission --machine four_dof --specimen 7 --out runs/commissioned`
     """
@@ -69,14 +74,15 @@ def commission(
 
     begun, console, machine, config = monotonic(), Output(), load_machine(machine_name), load_tuning(tuning)
     motion = motion or default_motion(machine)
-    trajectory = to_joints(machine, plan(machine, load_motion(motion)))
+    to_joints(machine, plan(machine, load_motion(motion)))  # refuses it before anything moves
     plugins = str(law_file(law).resolve().parent)  # refuses it before anything moves
     out = run_folder(out, f'{machine.name}_commissioned')
     options = {'seed': seed, 'environment': environment, 'folder': out}
     place = copy_config(machine, out, environment, truth_seed or None)
     machine = place.machine
-    with _bench(arrangement, machine_name, machine, motion, trajectory, options, plugins) as bench:
+    with _bench(arrangement, machine_name, machine, motion, options, plugins) as bench:
         given = {'law': law, 'cycles': cycles, 'limit': 1e-6 * accept, 'seed': seed}
+        given['calibrate'] = calibrate and machine.config.mechanism in LINKS  # an xy_stage has no links
         story = _procedure(console, machine, bench, place, config, given, out)
     facts = {
         **{'machine': machine.name, 'specimen': truth_seed, 'motion': Path(motion).stem, 'environment': environment},
@@ -106,12 +112,12 @@ def _procedure(console, machine, bench, place, config, given, out):
 
 
 @contextmanager
-def _bench(arrangement, machine_name, machine, motion, trajectory, options, plugins):
+def _bench(arrangement, machine_name, machine, motion, options, plugins):
     """Yield the bench: the simulated machine, or a cell in the ROS graph."""
     from pkm_core.commissioning.simulated_bench import SimulatedBench
 
     if arrangement is Arrangement.simulation:
-        yield SimulatedBench(machine, trajectory, **options)
+        yield SimulatedBench(machine, machine_name, load_motion(motion), **options)
         return
     discover_on_this_computer()
     from pkm_nodes.clients.commissioning_bench import CellBench
@@ -122,13 +128,14 @@ def _bench(arrangement, machine_name, machine, motion, trajectory, options, plug
 
 def _show(console, machine, story, out):
     """Print the tables and the outcome."""
-    from pkm_core.commissioning.report import candidate_table, error_table, measured_table, model_table, verdict
+    from pkm_core.commissioning import report
 
-    for table in (model_table(story), candidate_table(story), measured_table(story), error_table(machine, story)):
+    tables = report.model_table(story), report.candidate_table(story), report.measured_table(story)
+    for table in (*tables, report.error_table(machine, story), report.end_point_table(machine, story)):
         if table.rows:
             console.print(report_table(table, align='llr', wide=False))
     console.warnings(story.identified.warnings)
-    for text in verdict(story):
+    for text in report.verdict(story):
         console.plain(text)
     console.plain(f'report.html, config, bags and figures are in {out}')
 
@@ -142,6 +149,8 @@ def _figures(machine, story):
     return {
         'accepted': story.accepted,
         'reasons': story.reasons,
+        'not_calibrated': story.not_calibrated,
+        'calibration': _calibration(story.calibrated),
         'not_learned': story.not_learned,
         'warnings': story.identified.warnings,
         'max_dynamic_error_um': {
@@ -162,4 +171,19 @@ def _figures(machine, story):
             }
             for joint, found in story.measured.items()
         },
+    }
+
+
+def _calibration(found):
+    """Return the figures of a `Calibrated` [m, phi in rad], or None."""
+    if found is None:
+        return None
+    verification = found.verification
+    figures = {
+        name: getattr(verification, name) for name in ('before', 'after', 'before_largest', 'after_largest', 'noise')
+    }
+    return {
+        'misfit': found.misfit,
+        'taken_up': found.machine_file is not None,
+        'end_point': {name: dict(zip(verification.coordinates, row, strict=True)) for name, row in figures.items()},
     }
