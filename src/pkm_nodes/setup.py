@@ -12,6 +12,7 @@ NODES = [
     'machine',
     'state_estimator',
     'learning',
+    'tool_learning',
     'identification',
     'calibration',
     'recorder',

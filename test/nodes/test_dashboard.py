@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from pkm_core.bag.writer import BagWriter
 from pkm_core.errors import BagError
 from pkm_core.machines.description import joint_positions
-from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, LaserSample, MotorCommand
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.nodes.dashboard import DashboardNode
 from pkm_nodes.nodes.machine import MachineNode
@@ -33,10 +33,12 @@ def dashboard(graph):
     return graph.start(DashboardNode)
 
 
-def record(folder, joints, errors, voltages, *, name='bag'):
-    """Write a bag with the commands of one cycle; errors and voltages are (N, n)."""
+def record(folder, joints, errors, voltages, *, name='bag', laser=()):
+    """Write a bag with the commands of one cycle; errors and voltages are (N, n), laser rows (time, displacement)."""
     topics = {f'/pkm/{joint}/command': 'pkm_interfaces/msg/MotorCommand' for joint in joints}
-    bag = BagWriter(folder / name, topics, {})
+    bag = BagWriter(folder / name, {**topics, '/pkm/laser': 'pkm_interfaces/msg/LaserSample'}, {})
+    for time, *displacement in laser:
+        bag.write('/pkm/laser', serialize_message(LaserSample(time=time, displacement=displacement)), 0)
     for tick, (error, voltage) in enumerate(zip(errors, voltages, strict=True), start=100):
         for topic, e, v in zip(topics, error, voltage, strict=True):
             bag.write(topic, serialize_message(MotorCommand(tick=tick, cycle=1, error=e, voltage=v)), tick)
@@ -119,6 +121,24 @@ def test_trace_holds_the_commands_of_the_bag(cell, tmp_path):
     assert trace.cycle == 7
     assert np.array_equal(trace.error, errors)
     assert np.array_equal(trace.voltage, voltages)
+
+
+def test_tool_error_is_the_laser_against_the_planned_poses(cell, tmp_path):
+    """The tool goes 2 um too far in x and 40 urad in phi, from the first move on."""
+    samples, first = 60, 100
+    poses = np.zeros((samples, 4)) + cell.machine.forward(cell.machine.home)
+    poses[20:, 0] += 1e-9  # the start of the move
+    cell.load(1, 'short', 'none', poses)
+    time = np.arange(first * 5e-4, (first + samples) * 5e-4, 8e-4)
+    moved = time >= (first + 20) * 5e-4
+    rows = [[t, 5e-6 + m * 2e-6, 5e-6, 5e-6, m * 4e-5] for t, m in zip(time.tolist(), moved.tolist(), strict=True)]
+    zeros = np.zeros((samples, 4)).tolist()
+    bag = record(tmp_path, cell.machine.joints, zeros, zeros, laser=rows)
+    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
+    assert cell.tool.cycle == 1
+    assert cell.tool.time[-1] == pytest.approx((time - time[0])[-1])
+    assert 1e6 * cell.tool.error[-1] == pytest.approx([-2.0, 0.0, 0.0, -2.0], abs=2e-3)
+    assert '<span data-tool>x 2.0, y 0.0, z 0.0, phi 2.0</span> um' in status_html(cell)
 
 
 @pytest.mark.parametrize('bag_first', [True, False])

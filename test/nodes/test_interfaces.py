@@ -52,9 +52,9 @@ def documented(machine):
 
 @pytest.fixture
 def nodes(graph, tmp_path):
-    """Return all nodes of a cell, and that of the page."""
+    """Return all nodes of a cell that learns at the tool, and that of the page."""
     made = [DashboardNode()]
-    for spec in cell_nodes('four_dof', folder=tmp_path):
+    for spec in cell_nodes('four_dof', folder=tmp_path, learning_target='tool'):
         parameters = [Parameter(name, value=value) for name, value in spec.parameters.items()]
         named = {} if spec.name == spec.executable else {'name': spec.name}
         node = NODES[spec.executable](parameter_overrides=parameters, **named)

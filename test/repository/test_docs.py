@@ -208,12 +208,14 @@ def row(page, beginning):
 
 
 def claims_of_readme(folder):
-    table, axis = [], ''
+    table, tool, axis = [], {}, ''
     for line in PAGES[0].read_text(encoding='utf-8').splitlines():
         cells = [cell.strip() for cell in line.strip('│').split('│')]
         if line.startswith('│') and len(cells) >= 6 and (cells[0] == '' or re.fullmatch(r'd\d', cells[0])):
             axis = cells[0] or axis
             table.append((axis, *map(float, cells[1:4])))
+        elif line.startswith('│') and '->' in line:
+            tool[cells[0]] = [list(map(float, cell.split('->'))) for cell in cells[1:]]
     assert len(table) == 8
     cycles = figures(folder, 'first')
     for axis, cycle, error, settling in table:
@@ -221,6 +223,12 @@ def claims_of_readme(folder):
         # sines differ in the last bit between processor types, and the encoder rounds
         assert measured['max_dynamic_error_um'] == pytest.approx(error, abs=0.5)
         assert measured['settling_5um_ms'] == pytest.approx(settling, abs=2.0)
+    results = json.loads((folder / 'runs' / 'first' / 'results.json').read_text())
+    assert tuple(tool) == ('x', 'y', 'z', 'phi')
+    for name, columns in tool.items():
+        for figure, shown in zip(('moves_rms_um', 'moves_largest_um', 'rests_rms_um'), columns, strict=False):
+            first, last = (results['cycles'][cycle]['tool'][name][figure] for cycle in (0, -1))
+            assert [first, last] == pytest.approx(shown, abs=1.0)  # one step of the laser
 
 
 def claims_of_own_controller(folder):

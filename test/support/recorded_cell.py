@@ -58,7 +58,14 @@ class Cell:
         for topic in ('pose', 'joint'):
             self.say(
                 f'{topic}_trajectory',
-                **{'cycle': cycle, 'kind': 0, 'motion': motion, 'learning_law': 'fourier', 'sample_time': TS},
+                **{
+                    'cycle': cycle,
+                    'kind': 0,
+                    'motion': motion,
+                    'learning_law': 'fourier',
+                    'sample_time': TS,
+                    'planned': '',
+                },
                 coordinates=list(JOINTS),
                 **values,
                 **moves,

@@ -19,6 +19,7 @@ from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
 from pkm_core.learning.initial import first_feedforward
 from pkm_core.learning.store import read
+from pkm_core.learning.tool import ToolLearning, make_tool_law
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import load_motion, plan
 from pkm_core.motion.trajectory import to_joints
@@ -78,6 +79,7 @@ def test_graph_gives_the_bits_of_the_simulation_without_ros(runs, simulated, arr
         # without pauses for learning the recorder has to keep apart cycles that follow each other at once
         ('four_dof', {'controller': 'computed_torque'}, 'processes', 4),
         ('xy_stage', {'law': 'none'}, 'composed', 30),
+        ('four_dof', {'law': 'inverse', 'learning-target': 'tool'}, 'processes', 3),
     ],
 )
 def test_every_law_and_control_gives_the_bits_of_the_simulation(
@@ -98,14 +100,17 @@ def assert_bits_of_simulation(folder):
     """Compare every tick recorded by `pkm run` with the same cycles without ROS."""
     results = json.loads((folder / 'results.json').read_text())
     machine, name, motion = load_machine(results['machine']), results['law'], results['motion']
-    trajectory = to_joints(machine, plan(machine, load_motion(motion)))
+    poses = plan(machine, load_motion(motion))
+    trajectory = to_joints(machine, poses)
     gains = choose_control(machine, results['control'])
     start = None
     if results['learned']:
         start = first_feedforward(results['learned'], machine, motion, name, gains, trajectory)
     law = None if name == 'none' else make_law(name, machine, gains)
-    records = cycles_of(folder)
-    expected = run_cycles(machine, trajectory, gains, law, len(records), results['seed'], start=start)
+    records, tool = cycles_of(folder), None
+    if results['learning_target'] == 'tool':
+        tool = ToolLearning(make_tool_law(machine, gains, law, poses, trajectory))
+    expected = run_cycles(machine, trajectory, gains, law, len(records), results['seed'], start=start, tool=tool)
     for number, record in enumerate(records):
         for kind in ('counts', 'voltage', 'error', 'feedforward'):
             assert np.array_equal(getattr(record, kind), getattr(expected, kind)[number]), (kind, number)

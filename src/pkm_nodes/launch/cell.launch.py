@@ -11,6 +11,8 @@ from launch_ros.actions import Node
 
 from pkm_nodes.graph import (
     ENVIRONMENTS,
+    LEARNING_TARGET,
+    TARGETS,
     WITHOUT,
     cell_nodes,
     clock_of,
@@ -35,6 +37,9 @@ ARGUMENTS = [
     DeclareLaunchArgument('seed', default_value='1', description='seed of the random numbers of the machine'),
     DeclareLaunchArgument('environment', default_value='nominal', description=ENVIRONMENTS),
     DeclareLaunchArgument('folder', default_value='bags', description='folder for the bags, one per cycle'),
+    DeclareLaunchArgument(
+        'learning_target', default_value='joints', choices=list(TARGETS), description=LEARNING_TARGET
+    ),
     DeclareLaunchArgument('without', default_value='', description=WITHOUT),
 ]
 
@@ -47,6 +52,7 @@ def _nodes(context):
         'seed': whole_number('seed', value['seed']),
         'environment': value['environment'],
         'folder': value['folder'],
+        'learning_target': value['learning_target'],
         'without': names_in(value['without']),
     }
     namespace = namespace_of(value['namespace'])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pkm_core.control.controllers import find_control
-from pkm_core.errors import PkmError
+from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 
 # texts that YAML 1.1 reads as a truth value, a number or nothing
@@ -15,6 +15,20 @@ NAMESPACE = '/pkm'
 # descriptions of parameters that several nodes and the launch file have
 ENVIRONMENTS = 'level of imperfections: ideal, nominal, hard, geometric, elastic (four_dof), a section of config/truth'
 WITHOUT = 'comma-separated names of nodes that are not started, because other nodes replace them'
+LEARNING_TARGET = 'joints: the controllers learn from the encoders; tool: the reference is also learned from the laser'
+TARGETS = ('joints', 'tool')
+
+
+def learning_target(node):
+    """Declare the parameter `learning_target` of `node` and return its value; `ConfigError` unless it is known."""
+    return checked_target(node.setting('learning_target', 'joints', LEARNING_TARGET))
+
+
+def checked_target(text):
+    """Return the learning target `text`; `ConfigError` unless it is one of `TARGETS`."""
+    if text not in TARGETS:
+        raise ConfigError(f'learning_target: {text!r} given; allowed: {", ".join(TARGETS)}')
+    return text
 
 
 @dataclass(frozen=True)
@@ -104,6 +118,7 @@ def cell_nodes(
     without=(),
     plugins='',
     learned='',
+    learning_target='joints',
 ):
     """
     Return the `NodeSpec`s of all processes of a cell.
@@ -126,6 +141,8 @@ def cell_nodes(
         Comma-separated folders whose Python files may be learning laws.
     learned : str or Path
         Folder in which learned feedforward may be saved, by default `learned` beside `folder`.
+    learning_target : str
+        'joints' or 'tool'; the latter adds the node tool_learning.
 
     Raises
     ------
@@ -142,6 +159,8 @@ def cell_nodes(
     with_laws = {**on_control, **({'plugins': plugins} if plugins else {})}  # ROS refuses an empty value
     calibrated = str(Path(folder).parent / 'calibrated')
     learned = str(learned or Path(folder).parent / 'learned')
+    at_tool = checked_target(learning_target) == 'tool'
+    target = {'learning_target': 'tool'} if at_tool else {}
     nodes = [
         NodeSpec(
             'machine',
@@ -155,13 +174,15 @@ def cell_nodes(
             {**with_laws, 'calibrated': calibrated},
             ('pose_trajectory',),
         ),
-        NodeSpec('inverse_kinematics', 'inverse_kinematics', on_machine, ('joint_trajectory',)),
+        NodeSpec('inverse_kinematics', 'inverse_kinematics', on_machine | target, ('joint_trajectory',)),
         *controller_nodes(machine, control),
         NodeSpec('state_estimator', 'state_estimator', on_machine, ('pose', 'joint_states')),
         NodeSpec('learning', 'learning', {**with_laws, 'folder': learned}, ('learning/update',)),
         NodeSpec('identification', 'identification', {**on_control, 'folder': str(Path(folder).parent / 'identified')}),
         NodeSpec('calibration', 'calibration', {**on_machine, 'folder': calibrated}),
     ]
+    if at_tool:
+        nodes.append(NodeSpec('tool_learning', 'tool_learning', with_laws, ('joint_correction',)))
     if record:
         nodes.append(NodeSpec('recorder', 'recorder', {**on_control, 'folder': str(folder)}, ('recorder/tick',)))
     return leave_out(nodes, without)

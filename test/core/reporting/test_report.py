@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -15,6 +16,7 @@ from pkm_core.reporting.report import write_report
 from pkm_core.reporting.runs import read_run, read_runs
 from pkm_core.reporting.spectrum import amplitude_spectrum
 from pkm_core.reporting.summary import axis_figures
+from pkm_core.reporting.tool import laser_step, path_table, tool_figures, tool_table
 from pkm_core.thesis.results import END_POINT, JOINT_SPACE
 from pkm_core.verbs.report import report as verb
 
@@ -115,7 +117,7 @@ def test_figures_are_computed_from_the_bags(report, make_cycle):
     ours = dict(zip(cycle.machine.joints, (axis_figures(axis_metrics(e, *moves)) for e in cycle.error.T), strict=True))
     first = figures['runs'][0]
     assert first['joints'][1] == ours
-    assert first['cycles'][0] == {'cycle': 1, 'axes': ours}
+    assert first['cycles'][0] == {'cycle': 1, 'axes': ours, 'tool': first['cycles'][0]['tool']}
 
 
 def test_tables_compare_two_runs_and_the_thesis(page, make_cycle):
@@ -149,6 +151,33 @@ def test_laser_figures_use_the_clock_of_the_laser(report, page):
     assert histories.move_ends.tolist() == [63, 188], 'ends of the profiles at 50 and 150 ms'
     assert any(row[1:3] == ['x', 'never'] for row in page.cells), 'within 1 um'
     assert 'laser' not in figures['runs'][1]
+
+
+def test_tool_is_judged_during_the_moves_and_at_rest(make_run, tmp_path, capsys):
+    """The laser shows 3 um less than the reference from the first move on, phi on 50 mm."""
+    run = read_run(make_run(tmp_path / 'run', laser=True))
+    figures = tool_figures(run.records[0])
+    assert tuple(figures) == ('x', 'y', 'z', 'phi')
+    for values in figures.values():
+        assert values['moves_rms_um'] == pytest.approx(3.0, abs=0.01)
+        assert values['moves_largest_um'] == pytest.approx(3.0, abs=0.01)
+        assert 0 < values['rests_rms_um'] < values['rests_largest_um'] == pytest.approx(3.0, abs=0.01)
+    verb(tmp_path / 'run', compare=None, out=tmp_path / 'out', json_file=None)
+    assert 'tool by laser against the commanded path, cycle 1 -> 2' in capsys.readouterr().out
+    assert 'Tool by laser against the commanded path, cycle 1 -&gt; 2' in (tmp_path / 'out' / 'report.html').read_text()
+
+
+def test_step_of_the_laser_is_found_in_its_readings(make_run, tmp_path):
+    record = read_run(make_run(tmp_path, laser=True)).records[0]
+    rounded = replace(record, laser=0.91e-6 * np.round(record.laser / 0.91e-6) / [1, 1, 1, ARM])
+    assert laser_step([rounded]) == pytest.approx(0.91e-6)
+
+
+def test_run_without_a_laser_has_no_table_of_the_tool(make_run, tmp_path):
+    run = read_run(make_run(tmp_path))
+    assert tool_figures(run.records[0]) == {}
+    assert tool_table(run.records) is None
+    assert path_table([run]) is None
 
 
 def test_verb_writes_a_reproducible_page(make_run, tmp_path, capsys):

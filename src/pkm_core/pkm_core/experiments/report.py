@@ -6,6 +6,8 @@ from pkm_core.experiments.condition import ENVIRONMENTS
 from pkm_core.experiments.design_tables import effort_table, size_table
 from pkm_core.experiments.outcome import worst_axis
 from pkm_core.experiments.tables import end_point_rows, joint_rows, spread_table
+from pkm_core.experiments.tool_targets import SPECIMENS
+from pkm_core.reporting.histories import ARM
 from pkm_core.reporting.tables import Table
 from pkm_core.thesis.results import END_POINT, JOINT_SPACE
 
@@ -64,7 +66,10 @@ def markdown(table):
 def targets_report(rows, seeds, cycles):
     """Return ([`Table`], figures) of the `Target`s `rows`."""
     verdicts = {True: 'yes', False: 'NO', None: ''}
-    title = f'Goals: mean (95 %) of {seeds} noise seeds x {cycles} cycles, worst axis by the encoders, nominal'
+    title = (
+        f'Goals: mean (95 %) of {seeds} noise seeds x {cycles} cycles, worst axis by the encoders, nominal; '
+        f'of the tool: {SPECIMENS * seeds} specimens x {cycles} cycles, phi on {1e3 * ARM:g} mm'
+    )
     headings = ['', 'thesis', 'goal', 'reached', 'met']
     cells = [[row.what, row.thesis, row.goal, row.reached, verdicts[row.met]] for row in rows]
     data = {'experiment': 'targets', 'seeds': seeds, 'cycles': cycles, 'targets': [asdict(row) for row in rows]}

@@ -2,10 +2,10 @@
 Targets of control and learning, and the values reached: one row per target.
 
 Errors are those of the worst axis of a cycle, by the encoders, over all noise seeds and counted cycles. Those of a
-calibrated machine at rest are in coordinates, by the truth of the plant (rest_targets.py).
+calibrated machine at rest (rest_targets.py) and in motion (tool_targets.py) are in coordinates, by the truth.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from pkm_core.experiments.outcome import counted, spread, worst_axis
 from pkm_core.experiments.random_machines import drive_one
 from pkm_core.experiments.rest_targets import rest_rows, rest_tasks
 from pkm_core.experiments.runs import measure
+from pkm_core.experiments.target import Target
+from pkm_core.experiments.tool_targets import tool_target_rows, tool_tasks
 from pkm_core.experiments.transfer import transfer
 from pkm_core.machines import load_machine
 
@@ -33,17 +35,6 @@ LASER = {'x': 0.91, 'y': 0.91, 'z': 0.91, 'phi': 1.82}  # [um], Table 8.3
 LONG = 100  # cycles without drift
 RANDOM_CYCLES, RANDOM_COUNTED = 20, 10
 RANDOM_MACHINES = 10  # per seed
-
-
-@dataclass(frozen=True)
-class Target:
-    """One target: subject, value of the thesis, goal, value reached, and whether it is met (None: reported only)."""
-
-    what: str
-    thesis: str
-    goal: str
-    reached: str
-    met: bool | None
 
 
 def target_tasks(seeds, cycles):
@@ -68,6 +59,7 @@ def target_tasks(seeds, cycles):
             tasks[machine, 'transfer', seed] = (transfer, machine, seed)
         for number in range(RANDOM_MACHINES * seeds):
             tasks[machine, 'random', number] = (random_machine_error, best, number)
+        tasks |= tool_tasks(machine, seeds, cycles)
         tasks |= rest_tasks(machine, seeds)
         tasks |= geometry_tasks(machine, seeds)
     return tasks
@@ -128,6 +120,7 @@ def _machine_rows(machine, found):
         _transfer(name, found['transfer'], goals['transfer']),
         *(_error(f'{name} in {1e3 * t:g} ms, best law', '70 ms', found[f'{t:g}'], g) for t, g in SHORTER.items()),
         *_laser(name, found),
+        *tool_target_rows(machine, name, found),
         *(Target(what, '', goal, reached, met) for what, goal, reached, met in rest_rows(name, machine, found)),
         *(
             Target(what, '', goal, reached, met)

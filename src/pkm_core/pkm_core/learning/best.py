@@ -1,6 +1,6 @@
 """The best feedforward of each joint while a motion is learned."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,11 +31,14 @@ class Best:
         Name of the law.
     trajectory : SampledTrajectory
         The motion, in joints.
+    planned : str
+        `store.digest_of` the planned motion, if `trajectory` has a correction learned at the tool; else ''.
 
     """
 
-    def __init__(self, machine, motion, law, trajectory):
+    def __init__(self, machine, motion, law, trajectory, planned=''):
         self._machine, self._motion, self._law, self._trajectory = machine, motion, law, trajectory
+        self._planned = planned
         self._rows = {}
 
     def observe(self, joint, gains, error, feedforward, iteration):
@@ -71,4 +74,6 @@ class Best:
         if isinstance(law, BasisLaw):
             parameters = {joint: law.parameters(joint, row.feedforward) for joint, row in rows.items()}
         origin = origin_of(machine, self._motion, self._law, gains, self._trajectory)
+        if self._planned:
+            origin = replace(origin, reference=self._planned)
         return Learned(origin, np.stack([row.feedforward for row in rows.values()], axis=1), parameters)

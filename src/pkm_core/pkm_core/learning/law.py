@@ -58,9 +58,7 @@ class Law(ABC):
     verdict = ''
 
     def __init__(self, config, machine, gains):
-        for joint, axis in gains.items():
-            if not isinstance(axis, PidLaw):
-                raise LearningError(f'learning: {joint} has {type(axis).__name__}; only robust control learns')
+        require_robust(gains)
         self.config, self.machine, self.gains = config, machine, gains
         self.models = load_model(machine)
         self._minimum = int(np.ceil(1 / (config.band.fall_from * machine.sample_time)))  # a period of full weight
@@ -137,6 +135,13 @@ class FrequencyLaw(Law):
     def _on_grid(self, joint, samples):
         frequency = np.fft.rfftfreq(samples, self.machine.sample_time)
         return self.memory(joint, frequency), self.action(joint, frequency)
+
+
+def require_robust(gains):
+    """Raise `LearningError` unless all `gains` {joint: gains} are those of robust control."""
+    for joint, axis in gains.items():
+        if not isinstance(axis, PidLaw):
+            raise LearningError(f'learning: {joint} has {type(axis).__name__}; only robust control learns')
 
 
 def closed(error, sample_time):

@@ -43,10 +43,10 @@ class Monitor:
 
     Parameters
     ----------
-    joint : str
-        Name of the joint.
+    joint, signal : str
+        Names of what is monitored and of the learned signal, for messages.
     limit : float
-        Of its drive [V]; a feedforward that reaches it is reported once.
+        Of the learned signal, in its unit; a signal that reaches it is reported once.
 
     Attributes
     ----------
@@ -55,8 +55,8 @@ class Monitor:
 
     """
 
-    def __init__(self, joint, limit=np.inf):
-        self.joint = joint
+    def __init__(self, joint, limit=np.inf, signal='feedforward'):
+        self.joint, self._signal = joint, signal
         self._limit, self._saturates = limit, False
         self.best = np.zeros(0)
         self._returned = self._ended = False
@@ -114,7 +114,7 @@ class Monitor:
         self._returned = True
         message = (
             f'learning of {self.joint} diverges: {", ".join(f"{1e6 * rms:.1f}" for rms in self._recent)} um rms in the '
-            f'last cycles; returned to the feedforward with {1e6 * self._lowest:.1f} um, '
+            f'last cycles; returned to the {self._signal} with {1e6 * self._lowest:.1f} um, '
             + ('learning ends after the second divergence' if self._ended else 'learning restarts')
         )
         self._begin()

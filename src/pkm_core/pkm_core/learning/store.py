@@ -49,8 +49,13 @@ def origin_of(machine, motion, law, gains, trajectory):
         law=law,
         sample_time=machine.sample_time,
         config=design_hash(machine, gains),
-        reference=_digest(np.ascontiguousarray(trajectory.position).tobytes()),
+        reference=digest_of(trajectory),
     )
+
+
+def digest_of(trajectory):
+    """Return 12 hex digits that change with the positions of `trajectory`."""
+    return _digest(np.ascontiguousarray(trajectory.position).tobytes())
 
 
 def design_hash(machine, gains):

@@ -88,6 +88,13 @@ def with_derivatives(trajectory, coordinates, jet):
     )
 
 
+def added(trajectory, correction):
+    """Return the sum of a trajectory and a `correction`, both `SampledTrajectory`s, up to the jerk."""
+    rows = [row + part for row, part in zip(trajectory.derivatives(), correction.derivatives(), strict=True)]
+    moves = trajectory.move_starts, trajectory.move_ends
+    return SampledTrajectory(trajectory.sample_time, trajectory.coordinates, *rows, *moves)
+
+
 def checked_joints(machine, trajectory):
     """
     Return the joint `trajectory` if it is within the limits of `machine`; errors as `to_joints`.

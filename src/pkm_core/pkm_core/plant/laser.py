@@ -75,6 +75,14 @@ class Laser:
 
         Between ticks the end point is a cubic through positions and speeds.
         """
+        return self.read_with_truth()[0]
+
+    def read_with_truth(self):
+        """
+        Return the `LaserSamples` as `read`, and the true displacement (T, m) [m, rad] at the ticks of the same time.
+
+        The truth is for experiments that judge.
+        """
         duration = self._machine.sample_time
         last = len(self._seen) - 1
         numbers = sample_numbers(self._machine, self._tick, self._tick + last)
@@ -88,7 +96,8 @@ class Laser:
             displacement = displacement @ axes.T
         displacement = displacement + self._scale * self._noise.at(numbers)
         self._tick, self._seen = self._tick + last, self._seen[-1:]
-        return LaserSamples(due * 1e-9, self._step * np.round(displacement / self._step))
+        samples = LaserSamples(due * 1e-9, self._step * np.round(displacement / self._step))
+        return samples, pose[:-1] - self._datum
 
     def _end_points(self):
         """Return position and speed of the end point at each observed tick, two arrays (T, m)."""

@@ -69,7 +69,7 @@ def end_point_histories(record, machine):
         sample_time=record.sample_time,
         reference=record.pose_reference,
         measured=measured,
-        error=(record.pose_reference - measured) * _lengths(record.coordinates),
+        error=(record.pose_reference - measured) * lengths(record.coordinates),
         move_starts=record.move_starts,
         move_ends=record.move_ends,
     )
@@ -83,28 +83,48 @@ def laser_histories(record):
     """
     if len(record.laser_time) < 2:
         return None
-    time = np.arange(len(record.ticks)) * record.sample_time
-    reference = np.stack([np.interp(record.laser_time, time, column) for column in record.pose_reference.T], axis=1)
     sample_time = float(np.median(np.diff(record.laser_time)))
     starts, ends = (
         np.searchsorted(record.laser_time, samples * record.sample_time)
         for samples in (record.move_starts, record.move_ends)
     )
-    at_rest = slice(max(1, starts[0]))
-    reference = reference - record.pose_reference[0]
-    measured = record.laser - np.mean(record.laser[at_rest], axis=0)
+    reference, measured = laser_path(
+        record.laser_time, record.laser, record.pose_reference, record.sample_time, record.move_starts[0]
+    )
     return Histories(
         cycle=record.cycle,
         names=record.coordinates,
         sample_time=sample_time,
         reference=reference,
         measured=measured,
-        error=(reference - measured) * _lengths(record.coordinates),
+        error=(reference - measured) * lengths(record.coordinates),
         move_starts=starts,
         move_ends=ends,
     )
 
 
-def _lengths(coordinates):
+def laser_path(laser_time, laser, pose_reference, sample_time, first_move):
+    """
+    Return reference and measurement (K, m) [m, rad] at the times of the laser, from the rest before the first move.
+
+    Parameters
+    ----------
+    laser_time, laser : ndarray, shape (K,), (K, m)
+        Since the start of the cycle [s]; displacement [m, rad].
+    pose_reference : ndarray, shape (N, m)
+        At the ticks [m, rad].
+    sample_time : float
+        Of the ticks [s].
+    first_move : int
+        Sample at which the first move starts.
+
+    """
+    time = np.arange(len(pose_reference)) * sample_time
+    reference = np.stack([np.interp(laser_time, time, column) for column in pose_reference.T], axis=1)
+    at_rest = slice(max(1, np.searchsorted(laser_time, first_move * sample_time)))
+    return reference - pose_reference[0], laser - np.mean(laser[at_rest], axis=0)
+
+
+def lengths(coordinates):
     """Return the factors from errors of a pose to lengths [m]."""
     return np.array([ARM if name in ANGLES else 1.0 for name in coordinates])

@@ -10,6 +10,7 @@ from pkm_core.reporting.page import figure_fragment, page, remark_fragment, tabl
 from pkm_core.reporting.runs import read_runs
 from pkm_core.reporting.summary import cycle_figures, messages
 from pkm_core.reporting.tables import facts_table, messages_table, moves_table, run_figures, space_tables
+from pkm_core.reporting.tool import path_table, tool_figures
 
 _ABOUT = (
     'Errors are reference minus measured. Each value is that of the worst move of a cycle. The dynamic error is the '
@@ -57,7 +58,7 @@ def write_report(folders, out, on_step=lambda text: None):
     counts = [messages(run.records) for run in runs]
     sections = [
         ('Runs', [table_fragment(facts_table(runs)), *_remarks(runs)]),
-        ('Tables', [table_fragment(table) for table in space_tables(runs, numbers)] + [remark_fragment(_ABOUT)]),
+        ('Tables', [table_fragment(table) for table in _tables(runs, numbers)] + [remark_fragment(_ABOUT)]),
     ]
     with refused_if_unwritable(out):
         for heading, drawings in _FIGURES.items():
@@ -73,7 +74,10 @@ def write_report(folders, out, on_step=lambda text: None):
             {
                 'folder': str(folder),
                 **run.facts,
-                'cycles': [{'cycle': record.cycle, 'axes': cycle_figures(record)} for record in run.records],
+                'cycles': [
+                    {'cycle': record.cycle, 'axes': cycle_figures(record), 'tool': tool_figures(record)}
+                    for record in run.records
+                ],
                 **number,
                 'messages': count,
                 'remarks': run.remarks,
@@ -81,6 +85,11 @@ def write_report(folders, out, on_step=lambda text: None):
             for folder, run, number, count in zip(folders, runs, numbers, counts, strict=True)
         ]
     }
+
+
+def _tables(runs, numbers):
+    path = path_table(runs)
+    return [*space_tables(runs, numbers), *([path] if path else [])]
 
 
 def _remarks(runs):

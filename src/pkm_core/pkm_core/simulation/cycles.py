@@ -3,7 +3,8 @@ The whole loop without ROS: the objects of the nodes, called in the order of the
 
 One cycle: start the plant's cycle; per tick counts -> position -> controllers -> voltages -> plant. After the last tick
 the monitor of each joint checks the cycle; unless it intervenes, the law computes the next cycle's feedforward from the
-error and the feedforward. A laser may measure the end point; it does not act on the loop.
+error and the feedforward. A laser may measure the end point. It acts on the loop only through learning at the tool,
+which corrects the reference of the next cycle.
 """
 
 from dataclasses import dataclass, replace
@@ -28,9 +29,11 @@ class CycleRecords:
     counts: np.ndarray  # (cycles, N, n) int64
     voltage: np.ndarray  # (cycles, N, n) [V]
     feedforward: np.ndarray  # (cycles, N, n) [V] the learned part, before the filters
+    correction: np.ndarray  # (cycles, N, n) [m] of the reference, learned at the tool
     metrics: tuple[tuple[AxisMetrics, ...], ...]  # [cycle][joint]
     notices: tuple[str, ...]  # messages of the learning monitors, in order
     laser: tuple[LaserSamples, ...]  # [cycle] of the end point; empty without a laser
+    truth: tuple[np.ndarray, ...]  # [cycle] (N, m) true displacement of the end point [m, rad]; as `laser`; to judge
 
     def metric(self, name):
         """Return the field `name` of `AxisMetrics` as an array (cycles, n)."""
@@ -38,7 +41,17 @@ class CycleRecords:
 
 
 def run_cycles(
-    machine, trajectory, gains, law, cycles, seed, environment='nominal', start=None, laser=False, controller=None
+    machine,
+    trajectory,
+    gains,
+    law,
+    cycles,
+    seed,
+    environment='nominal',
+    start=None,
+    laser=False,
+    controller=None,
+    tool=None,
 ):
     """
     Run `cycles` cycles of a joint trajectory from power-up at the home position.
@@ -63,6 +76,8 @@ def run_cycles(
         Whether the end point is measured; doubles the run time.
     controller : object, optional
         With the interface of pkm_core.control.controllers; replaces the controller that `gains` describes.
+    tool : ToolLearning, optional
+        Learns at the tool from the laser, for the same trajectory; new for every run. It needs the laser.
 
     Returns
     -------
@@ -78,13 +93,14 @@ def run_cycles(
     controller = make_controller(machine, gains) if controller is None else controller
     records = _empty_records(machine, cycles, trajectory, start)
     learning = None if law is None else _Learning(machine, law.with_reference(trajectory))
-    watch = Laser(machine, seed, environment) if laser else None
+    watch = Laser(machine, seed, environment) if laser or tool else None
     if watch:
         watch.zero(0, plant.truth)
-    metrics, notices, seen = [], [], []
+    metrics, notices, seen, truths = [], [], [], []
     for cycle in range(cycles):
         error, feedforward = records.error[cycle], records.feedforward[cycle]
-        controller.load(trajectory, feedforward)
+        controller.load(tool.reference if tool else trajectory, feedforward)
+        records.correction[cycle] = tool.correction if tool else 0.0
         plant.start_cycle(cycle + 1)  # the cell counts cycles from 1
         rows = records.counts[cycle], records.voltage[cycle], error
         if watch is None and isinstance(controller, JointControllers):
@@ -94,22 +110,27 @@ def run_cycles(
         if plant.fault:
             raise PkmError(f'cycle {cycle + 1}, sample {done - 1}: {plant.fault}')
         if watch:
-            seen.append(watch.read())
+            samples, true = watch.read_with_truth()
+            seen.append(samples)
+            truths.append(true)
         moves = trajectory.move_starts, trajectory.move_ends, machine.sample_time
         metrics.append(tuple(axis_metrics(axis_error, *moves) for axis_error in error.T))
         if learning is not None and cycle + 1 < cycles:
             records.feedforward[cycle + 1], messages = learning.after_cycle(error, feedforward)
             notices += [f'cycle {cycle + 1}: {message}' for message in messages]
-    return replace(records, metrics=tuple(metrics), notices=tuple(notices), laser=tuple(seen))
+        if tool and (message := tool.after_cycle(error, cycle * len(trajectory), *seen[-1])):
+            notices.append(f'cycle {cycle + 1}: {message}')
+    return replace(records, metrics=tuple(metrics), notices=tuple(notices), laser=tuple(seen), truth=tuple(truths))
 
 
 def _empty_records(machine, cycles, trajectory, start):
     """Return `CycleRecords` of zeros, with the feedforward `start` in every cycle if it is not None."""
     shape = (cycles, *trajectory.position.shape)
-    error, voltage, feedforward = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    error, voltage, feedforward, correction = (np.zeros(shape) for _ in range(4))
     if start is not None:
         feedforward[:] = start
-    return CycleRecords(machine.joints, error, np.zeros(shape, dtype=np.int64), voltage, feedforward, (), (), ())
+    counts = np.zeros(shape, dtype=np.int64)
+    return CycleRecords(machine.joints, error, counts, voltage, feedforward, correction, (), (), (), ())
 
 
 class _Learning:

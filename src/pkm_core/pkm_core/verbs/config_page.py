@@ -9,6 +9,7 @@ from pkm_core.design.measurement import LaserConfig
 from pkm_core.design.operational_workspace import OperationalWorkspace
 from pkm_core.design.tolerances import Tolerances
 from pkm_core.learning import KINDS
+from pkm_core.learning.tool_law import ToolLawConfig
 from pkm_core.machines import FourDof, Planar, XyStage
 from pkm_core.motion.planning import Motion
 from pkm_core.plant.truth import Truth
@@ -21,6 +22,7 @@ FILES = {
     'config/control': ControlFile,
     'config/control/computed_torque': TorqueControlFile,
     **{f'config/learning, law {name}': law.Parameters for name, law in KINDS.items()},
+    'config/learning/tool': ToolLawConfig,
     'config/motions': Motion,
     'config/tuning': TuningConfig,
     'config/design/chapter4.yaml': OperationalWorkspace,

@@ -48,6 +48,10 @@ ControllerOption = Annotated[
     str, typer.Option(help="Gains: robust or computed_torque (the machine's own), a file of config, or a YAML file.")
 ]
 LawOption = Annotated[str, typer.Option(help=f'{LAWS}; or a YAML file.')]
+LearningTargetOption = Annotated[
+    Literal['joints', 'tool'],
+    typer.Option(help='tool: beside the joints, the reference is learned from the laser at the tool.'),
+]
 TuningOption = Annotated[str, typer.Option(help='Targets and limits of config/tuning, or a YAML file.')]
 TolerancesOption = Annotated[str, typer.Option(help='Tolerances of config/design, or a YAML file.')]
 EnvironmentOption = Annotated[

@@ -27,6 +27,7 @@ def report(
     """
     from pkm_core.reporting.report import write_report
     from pkm_core.reporting.summary import cycles_table
+    from pkm_core.reporting.tool import tool_table
 
     console, out = Output(), out or folder / 'report'
     if folder.is_dir():
@@ -36,6 +37,8 @@ def report(
     for run in runs:
         console.print(f'{run.name}:', markup=False)
         console.print(cycles_table(run.machine.name, run.records))
+        if at_tool := tool_table(run.records):
+            console.print(at_tool)
         for remark in run.remarks:
             console.plain(f'not used: {remark}')
     console.plain(str(out / 'report.html'))

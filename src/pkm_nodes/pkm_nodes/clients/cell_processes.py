@@ -54,7 +54,7 @@ class CellProcesses:
         Whether there is a recorder.
     without : sequence of str
         Names of nodes to leave out.
-    plugins, learned : str
+    plugins, learned, learning_target : str
         See `cell_nodes`.
     configuration : Configuration, optional
         What the nodes work with, by default that of the environment.
@@ -86,6 +86,7 @@ class CellProcesses:
         without=(),
         plugins='',
         learned='',
+        learning_target='joints',
         configuration=None,
     ):
         named = {'PKM_CONFIG': str(configuration.folder)} if configuration else {}
@@ -101,7 +102,7 @@ class CellProcesses:
             'folder': str(self.bags),
             'record': record,
         }
-        options |= {'plugins': plugins, 'learned': str(learned)}
+        options |= {'plugins': plugins, 'learned': str(learned), 'learning_target': learning_target}
         nodes = cell_nodes(machine, **options)
         self.nodes = leave_out(nodes, without)
         self.left_out = [spec for spec in nodes if spec not in self.nodes]

@@ -45,6 +45,7 @@ def trajectory_to_msg(
     learning_law='none',
     kind=SampledTrajectoryMessage.MOTION,
     feedforward=None,
+    planned='',
     geometry='',
 ):
     """
@@ -62,6 +63,8 @@ def trajectory_to_msg(
         MOTION or IDENTIFICATION of the message.
     feedforward : ndarray, shape (N, joints), optional
         [V] learned feedforward for the cycle; without it the controllers keep theirs.
+    planned : str
+        Digest of the planned positions, if `trajectory` has a correction learned at the tool.
     geometry : str
         Hash of the kinematics it was computed with, '' if it is not to be checked.
 
@@ -71,6 +74,7 @@ def trajectory_to_msg(
         kind=kind,
         motion=motion,
         learning_law=learning_law,
+        planned=planned,
         geometry=geometry,
         sample_time=trajectory.sample_time,
         coordinates=list(trajectory.coordinates),

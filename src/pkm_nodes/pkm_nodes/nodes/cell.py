@@ -3,7 +3,7 @@
 from rclpy.parameter import Parameter
 
 from pkm_core.errors import ConfigError
-from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, names_in
+from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, learning_target, names_in
 from pkm_nodes.nodes.calibration import CalibrationNode
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.nodes.identification import IdentificationNode
@@ -13,6 +13,7 @@ from pkm_nodes.nodes.learning import LearningNode
 from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
+from pkm_nodes.nodes.tool_learning import ToolLearningNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from pkm_nodes.runtime.node import PLUGINS, PkmNode, entry_point
 from pkm_nodes.runtime.parameter_sources import place_of
@@ -26,6 +27,7 @@ NODES = {
     'computed_torque_controller': ComputedTorqueControllerNode,
     'state_estimator': StateEstimatorNode,
     'learning': LearningNode,
+    'tool_learning': ToolLearningNode,
     'identification': IdentificationNode,
     'calibration': CalibrationNode,
     'recorder': RecorderNode,
@@ -48,6 +50,7 @@ class CellNode(PkmNode):
             without=names_in(self.setting('without', '', WITHOUT)),
             plugins=self.setting('plugins', '', PLUGINS),
             learned=self.setting('learned', '', 'folder in which learning/save may write; by default beside folder'),
+            learning_target=learning_target(self),
         )
 
 

@@ -42,8 +42,8 @@ class _Motion:
 
     def __init__(self, machine, message, trajectory, law):
         self.asked = {}  # cycle of the last request by joint
-        self.belongs_to = message.motion, message.learning_law, trajectory.position.tobytes()
-        self.best = Best(machine, message.motion, message.learning_law, trajectory)
+        self.belongs_to = message.motion, message.learning_law, message.planned or trajectory.position.tobytes()
+        self.best = Best(machine, message.motion, message.learning_law, trajectory, message.planned)
         self.law = cache(lambda *loop: law(message.learning_law, *loop).with_reference(trajectory))
 
 

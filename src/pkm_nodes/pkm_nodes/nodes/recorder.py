@@ -96,7 +96,8 @@ class RecorderNode(PkmNode):
         message_type, take = find_interface(topic.kind, 'msg'), self._recording.takers[name]
         if taken is not None:
             taken.tap(take)
-            self._tick_subscriptions.append(taken)
+            if topic.by is By.TICK:
+                self._tick_subscriptions.append(taken)
             return
         # one group for all: events served after the ticks of many cycles would end the wrong cycle
         qos = TICK_QOS if topic.by in _WITH_TICKS else EVENT_QOS if topic.by is By.EVENT else CYCLE_QOS

@@ -9,6 +9,7 @@ import numpy as np
 from pkm_core.errors import BagError
 from pkm_core.machines.description import joint_positions
 from pkm_interfaces.msg import CycleEvent
+from pkm_nodes.page.tool_trace import ToolTrace, tool_trace
 from pkm_nodes.page.trace import Trace, read_trace
 
 # [cycles] number of cycles kept
@@ -66,9 +67,11 @@ class Cell:
     measured: int = 0  # counter, changes with `errors`
     latest: Trace | None = None
     best: Trace | None = None
+    tool: ToolTrace | None = None  # of the latest cycle
     no_trace: str = ''  # why there is no latest trace
     nodes: list = field(default_factory=list)
     notice: Notice = field(default_factory=Notice)
+    _poses: np.ndarray | None = None  # (N, m) planned poses [m, rad]
     _reference: bytes = b''
 
     def __post_init__(self):
@@ -91,7 +94,7 @@ class Cell:
             return
         self.motion, self.law, self._reference = motion, law, reference
         self._forget(before=cycle)
-        self.path = np.zeros((len(poses), 3))
+        self._poses, self.path = poses, np.zeros((len(poses), 3))
         for name, column in zip(self.machine.coordinates, poses.T, strict=True):
             if name in 'xyz':
                 self.path[:, 'xyz'.index(name)] = column
@@ -136,6 +139,7 @@ class Cell:
             self.no_trace = str(error)
             return
         self.no_trace = ''
+        self.tool = tool_trace(self.latest, self._poses, self.machine)
         self._keep_best()
 
     def _keep_best(self):
@@ -157,3 +161,5 @@ class Cell:
             trace if trace is not None and trace.cycle >= before else None for trace in (self.latest, self.best)
         )
         self._keep_best()
+        if self.latest is None:
+            self.tool = None

@@ -54,6 +54,10 @@ def _figures(cell):
         rows.append(('worst axis', f'<b data-worst>{1e6 * cell.worst(last):.2f}</b> um in cycle {last}'))
     if cell.best_cycle:
         rows.append(('at best', f'{1e6 * cell.worst(cell.best_cycle):.2f} um in cycle {cell.best_cycle}'))
+    if cell.tool is not None:
+        largest = zip(cell.machine.coordinates, abs(cell.tool.error).max(axis=0), strict=True)
+        shown = ', '.join(f'{name} {1e6 * value:.1f}' for name, value in largest)
+        rows.append(('tool by laser', f'<span data-tool>{shown}</span> um at most in cycle {cell.tool.cycle}'))
     place = ' '.join(f'{1e3 * value:.3f}' for name, value in cell.pose.items() if name != 'phi')
     rows.append(('tool', f'<span data-pose>{place}</span> mm'))
     if 'phi' in cell.pose:

@@ -62,10 +62,11 @@ class AxisLearning:
         """
         Prepare for the cycle of a joint_trajectory message.
 
-        The feedforward is kept if motion, law and `reference` (N,) [m] are those of the previous cycle and no
-        feedforward is `given` (N,) [V]. Otherwise it is `given`, or zero.
+        The feedforward is kept if motion, law and planned reference are those of the previous cycle and no feedforward
+        is `given` (N,) [V]. Otherwise it is `given`, or zero. The planned reference is `reference` (N,) [m], unless the
+        message has the digest of another one, of which `reference` is a correction.
         """
-        learned_for = (message.motion, message.learning_law, reference.tobytes())
+        learned_for = (message.motion, message.learning_law, message.planned or reference.tobytes())
         if learned_for != self._learned_for or given is not None:
             self._learned_for = learned_for
             self.feedforward = np.zeros(len(reference)) if given is None else given

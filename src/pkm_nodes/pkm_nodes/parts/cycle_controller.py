@@ -1,5 +1,6 @@
-"""The cycles of a controller between ticks: load the trajectory, report it, publish the metrics afterwards."""
+"""The cycles of a controller between ticks: load the trajectory, report it, publish errors and metrics afterwards."""
 
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import monotonic
@@ -15,7 +16,7 @@ from pkm_core.machines import load_machine
 from pkm_core.motion.metrics import axis_metrics
 from pkm_core.motion.trajectory import SampledTrajectory, checked_cycle
 from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerState
-from pkm_interfaces.msg import CycleEvent, CycleMetrics, MotorCommand
+from pkm_interfaces.msg import CycleError, CycleEvent, CycleMetrics, MotorCommand
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from_msg
 from pkm_nodes.messages.diagnostics import CYCLE, FOREIGN, NOTICE, OTHERS, REFUSED, STATE, diagnostics
@@ -155,6 +156,7 @@ class CycleController:
         publishers = [node.tick_publisher(MotorCommand, f'{joint}/command') for joint in events]
         self._commands, self.senders = zip(*publishers, strict=True)
         self._metrics = [node.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in events]
+        self._error = [node.create_publisher(CycleError, f'{joint}/cycle_error', CYCLE_QOS) for joint in events]
         subscribe_events(node, self._on_event)  # first: a reset must be served before the trajectory that follows it
         subscribe_joint_trajectory(node, self._on_trajectory)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -180,6 +182,8 @@ class CycleController:
                 events.publish(CycleEvent.NOTICE, self.cycle.last, message=others)
         loaded = self._loaded
         moves = loaded.trajectory.move_starts, loaded.trajectory.move_ends
+        for joint, error, whole in zip(self._events, loaded.errors.T, self._error, strict=True):
+            whole.publish(CycleError(cycle=loaded.message.cycle, joint=joint, error=array('d', error.tobytes())))
         for joint, error, publisher in zip(self._events, loaded.errors.T, self._metrics, strict=True):
             metrics = axis_metrics(error, *moves, self._machine.sample_time)
             publisher.publish(

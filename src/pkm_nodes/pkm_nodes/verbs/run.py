@@ -11,15 +11,17 @@ from pkm_core.arrangement import Arrangement
 from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import PkmError
 from pkm_core.files import do_all, refused_if_unwritable, write_json
-from pkm_core.learning import law_file
+from pkm_core.learning import law_file, make_law
 from pkm_core.learning.initial import first_feedforward
 from pkm_core.learning.store import check_replaceable
+from pkm_core.learning.tool import make_tool_law
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan, still_moves
 from pkm_core.motion.trajectory import to_joints
 from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
+from pkm_core.reporting.tool import tool_figures, tool_table
 from pkm_core.verbs.console import Output, progress_bar
 from pkm_core.verbs.options import (
     LAWS,
@@ -28,6 +30,7 @@ from pkm_core.verbs.options import (
     CyclesOption,
     EnvironmentOption,
     JsonOption,
+    LearningTargetOption,
     MachineOption,
     MotionOption,
     NamespaceOption,
@@ -62,6 +65,7 @@ def run(
     environment: EnvironmentOption = 'nominal',
     namespace: NamespaceOption = NAMESPACE,
     arrangement: CellArrangementOption = Arrangement.composed,
+    learning_target: LearningTargetOption = 'joints',
     without: Annotated[
         list[str] | None,
         typer.Option(metavar='NODE', help='Do not start this node, because another node replaces it; repeatable.'),
@@ -76,14 +80,18 @@ def run(
 
     Example: `pkm run --cycles 12 --law fourier_pid --arrangement processes`
 
+    Example: `pkm run --machine planar --cycles 20 --learning-target tool`
+
     Example: `pkm run --without joint_controller_d3`
     """
     console = Output()
     namespace = namespace_of(namespace)
-    goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned)
+    goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned, learning_target)
     cell = {'control': controller, 'seed': seed, 'environment': environment, 'without': without or []}
+    cell |= {'learning_target': learning_target}
     # refuses unknown names before a process starts
-    cell_nodes(machine_name, control=controller, seed=seed, environment=environment, without=cell['without'])
+    options = {'seed': seed, 'environment': environment, 'without': cell['without']}
+    cell_nodes(machine_name, control=controller, learning_target=learning_target, **options)
     out = run_folder(out, goal.machine.name)
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
@@ -103,13 +111,19 @@ def run(
     log.notices.extend(filter(None, [goal.still]))
     results = _results(goal, cell, arrangement, expected, log, records)
     do_all(  # a full disk loses one of these, not all
-        lambda: console.print(cycles_table(goal.machine.name, records)),
+        lambda: _print_tables(console, goal.machine.name, records),
         lambda: write_json(out / 'results.json', results),
         lambda: write_figures(json_file, results),
         lambda: _plot(records, out / 'learning.png'),
         lambda: _print_account(console, results, out),
         lambda: _refuse(not_saved),
     )
+
+
+def _print_tables(console, machine, records):
+    console.print(cycles_table(machine, records))
+    if at_tool := tool_table(records):
+        console.print(at_tool)
 
 
 def _plot(records, path):
@@ -141,11 +155,12 @@ class _Goal:
         return {'plugins': law, 'learned': self.save_learned.resolve().parent if self.save_learned else ''}
 
     @classmethod
-    def checked(cls, machine_name, motion, cycles, law, controller, learned, save_learned):
+    def checked(cls, machine_name, motion, cycles, law, controller, learned, save_learned, learning_target):
         """Return the goal of these options of the verb; `PkmError` if the cell would refuse it."""
         machine = load_machine(machine_name)
         motion = motion or default_motion(machine)
-        joints = to_joints(machine, plan(machine, load_motion(motion)))
+        poses = plan(machine, load_motion(motion))
+        joints = to_joints(machine, poses)
         gains = choose_control(machine, controller)
         kind = kind_of(gains)
         law = law or (_LAW if kind == 'robust' else 'none')
@@ -157,6 +172,10 @@ class _Goal:
             raise PkmError('--save-learned: given with --law none, which learns nothing; expected a learning law')
         if save_learned:
             check_replaceable(save_learned)
+        if learning_target == 'tool':
+            if law == 'none':
+                raise PkmError('--learning-target: tool given with --law none, which learns nothing; expected a law')
+            make_tool_law(machine, gains, make_law(law, machine, gains), poses, joints)
         if learned:
             first_feedforward(learned, machine, Path(motion).stem, law, gains, joints)
         return cls(machine, motion, cycles, law, learned, save_learned, still_moves(machine, joints))
@@ -214,7 +233,9 @@ def _results(goal, cell, arrangement, hash_of_config, log, records):
         'ticks_per_second_in_cycles': log.ticks / log.seconds_in_cycles,
         'messages': messages(records),
         'notices': log.notices,
-        'cycles': [{'cycle': r.cycle, 'bag': r.path.name, 'axes': cycle_figures(r)} for r in records],
+        'cycles': [
+            {'cycle': r.cycle, 'bag': r.path.name, 'axes': cycle_figures(r), 'tool': tool_figures(r)} for r in records
+        ],
     }
 
 
