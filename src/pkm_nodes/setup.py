@@ -38,7 +38,7 @@ setup(
     maintainer_email=MANIFEST.find('maintainer').get('email'),
     license=MANIFEST.findtext('license'),
     entry_points={
-        'console_scripts': [f'{node} = pkm_nodes.nodes.{node}:main' for node in NODES],
+        'console_scripts': [f'{node} = pkm_nodes.executables:{node}' for node in NODES],
         # verbs that need ROS; pkm_core.cli adds every verb it finds in this group
         'pkm.verbs': [
             'bench = pkm_nodes.verbs.bench:bench',

@@ -15,6 +15,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from pkm_core.interrupts import interruptible
+
 
 class Output(Console):
     """The terminal, with what verbs print on it."""
@@ -108,7 +110,7 @@ def progress_bars(console, names, total=None, *, keep=False):
     """
     share = TaskProgressColumn() if total is None else MofNCompleteColumn()
     columns = (TextColumn('{task.description}'), BarColumn(), share, TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=not keep) as display:
+    with interruptible(), Progress(*columns, console=console, transient=not keep) as display:  # it restores the cursor
         yield [Bar(display, name, 1.0 if total is None else total) for name in names]
 
 

@@ -10,9 +10,11 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import UInt64
 
 from pkm_core.errors import PkmError
+from pkm_core.interrupts import held_back
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import SaveLearned
@@ -26,8 +28,8 @@ from pkm_nodes.runtime.node import TICK_QOS, PkmNode
 _UP_TIMEOUT = 90.0
 # [s, wall] before missing replacements of nodes are reported
 _PATIENCE = 5.0
-# [s, wall] from the end of a process to the end of the goal: a silent machine ends it after 20 s, the rest is margin
-_DEATH_TIMEOUT = 40.0
+# [s, wall] from the end of a process to the end of the goal: DDS forgets a killed process after 20 s
+_DEATH_TIMEOUT = 23.0
 # [s, wall] from the last tick to the closed bag
 _RECORDED_TIMEOUT = 10.0
 
@@ -55,7 +57,12 @@ class CellClient:
         self._namespace, self._session = namespace, session
 
     def __enter__(self):
-        rclpy.init()
+        with held_back():
+            self._open()
+        return self
+
+    def _open(self):
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # a signal raises `Interrupted`; the graph stays
         of_session = [Parameter('session', value=self._session)]
         self._node = PkmNode('pkm_run', namespace=self._namespace, parameter_overrides=of_session)
         self._executor = SingleThreadedExecutor()
@@ -63,12 +70,12 @@ class CellClient:
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
         self._begin_log()
         subscribe_events(self._node, self._on_event)
-        return self
 
     def __exit__(self, *_):
-        self._client.destroy()
-        self._node.destroy_node()
-        rclpy.try_shutdown()
+        with held_back():
+            self._client.destroy()
+            self._node.destroy_node()
+            rclpy.try_shutdown()
 
     def _begin_log(self):
         self._log, self._of_goal = CycleLog(), set()  # the log and the numbers of its cycles
@@ -101,7 +108,8 @@ class CellClient:
         """Serve ROS until `condition()`, at most `timeout` [s]; return whether it became true."""
         deadline = monotonic() + timeout
         while not condition():
-            self._executor.spin_once(timeout_sec=0.1)
+            with held_back():  # an exception within rclpy can leave it without answers
+                self._executor.spin_once(timeout_sec=0.1)
             check()
             if monotonic() > deadline:
                 return False

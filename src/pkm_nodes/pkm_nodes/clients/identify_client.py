@@ -5,6 +5,7 @@ from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 
 from pkm_core.errors import PkmError
+from pkm_core.interrupts import held_back
 from pkm_interfaces.action import Identify
 from pkm_nodes.clients.cell_client import CellClient
 from pkm_nodes.messages.conversions import experiments_to_msg
@@ -16,14 +17,14 @@ _ANSWER_TIMEOUT = 30.0
 class IdentifyClient(CellClient):
     """Client of a running cell; use it in a ``with`` block. It owns rclpy's default context."""
 
-    def __enter__(self):
-        super().__enter__()
+    def _open(self):
+        super()._open()
         self._identify = ActionClient(self._node, Identify, 'identify')
-        return self
 
     def __exit__(self, *arguments):
-        self._identify.destroy()
-        super().__exit__(*arguments)
+        with held_back():
+            self._identify.destroy()
+            super().__exit__(*arguments)
 
     def reload(self, joints, check):
         """Make the running nodes load the current configuration files; `PkmError` with all refusals."""

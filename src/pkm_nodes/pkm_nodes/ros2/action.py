@@ -1,12 +1,11 @@
 """`ros2 action send_goal`."""
 
-import signal
 import sys
-from contextlib import contextmanager
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 
+from pkm_core.interrupts import held_back
 from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.ros2.messages import make_message, message_to_yaml, parse_yaml
 from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, ros_node, spin_until_done
@@ -40,10 +39,10 @@ def send_goal(args):
         print(f'Sending goal:\n     {message_to_yaml(goal)}')
         pending = client.send_goal_async(goal, _print_feedback if args.feedback else None)
         try:
-            with _interrupts() as check:
-                return _follow(node, pending, check)
+            return _follow(node, pending)
         except BaseException:  # Ctrl-C, SIGTERM, a closed pipe: the machine must not keep moving
-            _cancel(node, pending)
+            with held_back():
+                _cancel(node, pending)
             raise
 
 
@@ -51,34 +50,14 @@ def _print_feedback(msg):
     print(f'Feedback:\n    {message_to_yaml(msg.feedback)}')
 
 
-@contextmanager
-def _interrupts():
-    """
-    Hold back Ctrl-C; yield a function that raises KeyboardInterrupt if it was pressed.
-
-    Raised within rclpy, the interrupt can leave the action client without answers: one cancel request in ten had none.
-    """
-    pressed = []
-
-    def check():
-        if pressed:
-            raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, lambda *_: pressed.append(True))
-    try:
-        yield check
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _follow(node, pending, check):
+def _follow(node, pending):
     """Print the answer to the goal and its result."""
-    handle = spin_until_done(node, pending, check=check)
+    handle = spin_until_done(node, pending)
     if not handle.accepted:
         print('Goal was rejected.')
         return
     print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n')
-    answer = spin_until_done(node, handle.get_result_async(), check=check)
+    answer = spin_until_done(node, handle.get_result_async())
     names = {value: name for name, value in vars(GoalStatus).items() if name.startswith('STATUS_')}
     print(f'Result:\n    {message_to_yaml(answer.result)}')
     print(f'Goal finished with status: {names.get(answer.status, "UNKNOWN").removeprefix("STATUS_")}')
