@@ -34,9 +34,9 @@ CORE = {
 }
 # of pkm_nodes; every room but executables, runtime and ros2 may import any room of the core but verbs
 NODES = {
-    'executables': '',
     'graph': '',
     'runtime': '',
+    'executables': 'runtime',
     'messages': '',
     'parts': 'runtime messages',
     'page': '',

@@ -10,11 +10,13 @@ from functools import partial
 
 from pkm_core.errors import PkmError
 from pkm_core.start import prepare
+from pkm_nodes.runtime.environment import check_ros_environment
 
 
 def _run(name):
     try:
         prepare()
+        check_ros_environment()
     except PkmError as error:
         print(f'{name}: {error}', file=sys.stderr)
         sys.exit(1)

@@ -11,6 +11,7 @@ from time import monotonic, sleep
 from pkm_core.config import install_prefixes
 from pkm_core.errors import PkmError
 from pkm_core.interrupts import held_back, interruptible
+from pkm_nodes.clients.shared_memory import remove_leftovers
 from pkm_nodes.graph import NAMESPACE, cell_nodes, composed_cell, leave_out
 from pkm_nodes.parts.cell_lock import require_free
 from pkm_nodes.runtime.session import new_session
@@ -118,6 +119,7 @@ class CellProcesses:
         self.processes = {}
 
     def __enter__(self):
+        remove_leftovers()
         require_free(self._namespace)  # the machine itself refuses too, but only once its process is up
         with ExitStack() as stack:
             stack.enter_context(interruptible())

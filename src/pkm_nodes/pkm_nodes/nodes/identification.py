@@ -174,10 +174,11 @@ class IdentificationNode(PkmNode):
             ],
         )
         before, generator = self._cycle, Presence(self, 'execute_motion/_action/status')
-        handle = await self._motion.send_goal_async(goal)
-        ended = handle.get_result_async()
-        await self._until(lambda: ended.done() or generator.has_ended())
-        if not ended.done():
+        sent = self._motion.send_goal_async(goal)
+        ended = None
+        if await self._until_done(sent, generator):
+            ended = sent.result().get_result_async()
+        if ended is None or not await self._until_done(ended, generator):
             raise IdentificationError(f'{experiment.name}: the trajectory_generator is gone; start it again')
         answer = ended.result()
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
@@ -185,6 +186,11 @@ class IdentificationNode(PkmNode):
         if not await self._until(lambda: self._cycle > before and self._cycle in self._bags, _RECORDED):
             raise IdentificationError(f'{experiment.name}: the recorder has closed no bag within {_RECORDED:g} s')
         return self._bags.pop(self._cycle)
+
+    async def _until_done(self, future, server):
+        """Wait for `future`; return False if `server`, a `Presence`, leaves the graph first."""
+        await self._until(lambda: future.done() or server.has_ended())
+        return future.done()
 
     def _submit(self, work, *arguments):
         """Return the concurrent future of `work` in the process for fits."""

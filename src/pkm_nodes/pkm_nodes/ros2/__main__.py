@@ -9,6 +9,7 @@ from pkm_core.errors import PkmError
 from pkm_core.interrupts import Interrupted, interruptible
 from pkm_core.start import prepare
 from pkm_nodes.ros2.shared import add_commands
+from pkm_nodes.runtime.environment import check_ros_environment
 
 COMMANDS = {  # each is a module of this package with add_arguments(parser)
     'action': 'Various action related sub-commands',
@@ -47,6 +48,7 @@ def main(argv):
         os.environ['AMENT_PREFIX_PATH'] = os.pathsep.join(filter(None, [*prefixes, sys.prefix]))
     try:
         prepare()
+        check_ros_environment()
         args = make_parser(argv).parse_args(argv)
         if not args.use_python_default_buffering:
             sys.stdout.reconfigure(line_buffering=True)

@@ -37,9 +37,12 @@ def send_goal(args):
         if not client.wait_for_server(FIND_TIMEOUT):
             return f"No action server '{args.action_name}' of type '{args.action_type}' within {FIND_TIMEOUT} s"
         print(f'Sending goal:\n     {message_to_yaml(goal)}')
+        check = _presence_of_server(node, args.action_name)
         pending = client.send_goal_async(goal, _print_feedback if args.feedback else None)
         try:
-            return _follow(node, pending)
+            return _follow(node, pending, check)
+        except _ServerLeftError:
+            raise
         except BaseException:  # Ctrl-C, SIGTERM, a closed pipe: the machine must not keep moving
             with held_back():
                 _cancel(node, pending)
@@ -50,14 +53,38 @@ def _print_feedback(msg):
     print(f'Feedback:\n    {message_to_yaml(msg.feedback)}')
 
 
-def _follow(node, pending):
+class _ServerLeftError(RuntimeError):
+    """The action server is gone: a goal has no answer, and cannot be cancelled."""
+
+
+def _presence_of_server(node, action_name):
+    """
+    Return a function that raises `_ServerLeftError` when the servers that are there now have left the graph.
+
+    DDS removes a killed process after 20 s.
+    """
+    topic = node.resolve_topic_name(f'{action_name}/_action/status')
+
+    def servers():
+        return {bytes(info.endpoint_gid) for info in node.get_publishers_info_by_topic(topic)}
+
+    first = servers()
+
+    def check():
+        if first and not first & servers():
+            raise _ServerLeftError(f"The action server '{action_name}' has left the graph; the goal is lost")
+
+    return check
+
+
+def _follow(node, pending, check):
     """Print the answer to the goal and its result."""
-    handle = spin_until_done(node, pending)
+    handle = spin_until_done(node, pending, check=check)
     if not handle.accepted:
         print('Goal was rejected.')
         return
     print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n')
-    answer = spin_until_done(node, handle.get_result_async())
+    answer = spin_until_done(node, handle.get_result_async(), check=check)
     names = {value: name for name, value in vars(GoalStatus).items() if name.startswith('STATUS_')}
     print(f'Result:\n    {message_to_yaml(answer.result)}')
     print(f'Goal finished with status: {names.get(answer.status, "UNKNOWN").removeprefix("STATUS_")}')

@@ -63,6 +63,7 @@ def commission(
 
     Example: `pkm commission --machine four_dof --specimen 7 --out runs/commissioned`
     """
+    discover_on_this_computer()
     from pkm_core.commissioning.config_copy import copy_config
     from pkm_core.commissioning.report import write_page
     from pkm_core.tuning.config import load_tuning
@@ -113,7 +114,6 @@ def _bench(arrangement, machine_name, machine, motion, trajectory, options, plug
     if arrangement is Arrangement.simulation:
         yield SimulatedBench(machine, trajectory, **options)
         return
-    discover_on_this_computer()
     from pkm_nodes.clients.commissioning_bench import CellBench
 
     with CellBench(machine_name, machine, str(motion), arrangement.value, **options, plugins=plugins) as bench:

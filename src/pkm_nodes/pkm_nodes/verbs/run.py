@@ -74,6 +74,7 @@ def run(
 
     Example: `pkm run --without joint_controller_d3`
     """
+    discover_on_this_computer()
     console = Output()
     namespace = namespace_of(namespace)
     goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned)
@@ -143,7 +144,6 @@ class _Goal:
 
 def _drive(console, machine_name, arrangement, namespace, cell_options, goal, out):
     """Run the cell; return its `CycleLog`, the `CycleRecord`s of its bags and its session."""
-    discover_on_this_computer()
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
     from pkm_nodes.clients.own_bags import read_own
