@@ -39,7 +39,7 @@ setup(
     license=MANIFEST.findtext('license'),
     entry_points={
         'console_scripts': [f'{node} = pkm_nodes.executables:{node}' for node in NODES],
-        # verbs that need ROS; pkm_core.cli adds every verb it finds in this group
+        # verbs that need ROS; pkm_core.app adds every verb it finds in this group
         'pkm.verbs': [
             'bench = pkm_nodes.verbs.bench:bench',
             'bag-play = pkm_nodes.verbs.bag_play:bag_play',
