@@ -7,6 +7,9 @@ HEAD = """# Written by docker/compose.py from the list of nodes. The cell on one
 # docs/docker.md describes how to send a motion and how to set up keys.
 x-node: &node
   image: pkm-cell
+  user: ${PKM_USER:-10001:10001} # owner of the folder runs; never root
+  cap_drop: [ALL]
+  security_opt: ['no-new-privileges:true']
   restart: 'no' # no automatic restart: the machine has stopped safely, and the cause needs inspection
   ipc: service:machine # DDS uses shared memory between processes of one host
   depends_on: [machine]
@@ -28,6 +31,9 @@ services:
 """
 MACHINE = """    image: pkm-cell
     build: {context: .., dockerfile: docker/Dockerfile}
+    user: ${PKM_USER:-10001:10001}
+    cap_drop: [ALL]
+    security_opt: ['no-new-privileges:true']
     restart: 'no'
     ipc: shareable
     stop_signal: SIGINT

@@ -45,6 +45,7 @@ setup(
     license=MANIFEST.findtext('license'),
     entry_points={
         'console_scripts': ['pkm = pkm_core.cli:main'],
+        'numba_extensions': ['init = pkm_core.kernel_cache:ignore_damage'],
         'pkm.verbs': [f'{verb} = pkm_core.verbs.{verb.replace("-", "_")}:{verb.replace("-", "_")}' for verb in VERBS],
     },
 )

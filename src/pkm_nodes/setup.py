@@ -40,8 +40,8 @@ setup(
     maintainer_email=MANIFEST.find('maintainer').get('email'),
     license=MANIFEST.findtext('license'),
     entry_points={
-        'console_scripts': [f'{node} = pkm_nodes.nodes.{node}:main' for node in NODES],
-        # verbs that need ROS; pkm_core.cli adds every verb it finds in this group
+        'console_scripts': [f'{node} = pkm_nodes.executables:{node}' for node in NODES],
+        # verbs that need ROS; pkm_core.app adds every verb it finds in this group
         'pkm.verbs': [
             'calibrate-cell = pkm_nodes.verbs.calibrate_cell:calibrate_cell',
             'bench = pkm_nodes.verbs.bench:bench',

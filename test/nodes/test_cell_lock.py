@@ -61,3 +61,12 @@ def test_missing_runtime_folder_is_no_obstacle(monkeypatch, tmp_path):
     monkeypatch.setattr('tempfile.tempdir', str(tmp_path))
     require_free('/pkm')
     assert (tmp_path / f'pkm-{os.getuid()}').is_dir()
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason='only root can give a folder to another user')
+def test_folder_of_another_user_is_refused(runtime):
+    folder = runtime / f'pkm-{os.getuid()}'
+    folder.mkdir()
+    os.chown(folder, 12345, -1)
+    with pytest.raises(PkmError, match=f'belongs to another user; expected a folder of user {os.getuid()}'):
+        require_free('/pkm')

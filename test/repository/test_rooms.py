@@ -33,10 +33,11 @@ CORE = {
     'verbs': 'machines motion plant control thesis tuning learning bag identification recording simulation design '
     'reporting experiments commissioning',
 }
-# of pkm_nodes; every room but runtime and ros2 may import any room of the core but verbs
+# of pkm_nodes; every room but executables, runtime and ros2 may import any room of the core but verbs
 NODES = {
     'graph': '',
     'runtime': '',
+    'executables': 'runtime',
     'messages': '',
     'parts': 'runtime messages',
     'page': '',
@@ -44,7 +45,7 @@ NODES = {
     'clients': 'parts graph runtime messages',
     'bench': 'clients graph runtime messages',
     'ros2': 'runtime messages',
-    'verbs': 'graph runtime messages parts page nodes clients bench ros2',
+    'verbs': 'executables graph runtime messages parts page nodes clients bench ros2',
 }
 # rooms that may read the truth of the simulated machine
 TRUTH = 'pkm_core.plant.truth'
@@ -57,7 +58,9 @@ def allowed(room):
     package, _, name = room.partition('.')
     if package == 'pkm_core':
         return {GROUND, *(f'pkm_core.{other}' for other in CORE[name or GROUND].split())}
-    core = {GROUND} if name in ('runtime', 'ros2') else {GROUND, *(f'pkm_core.{other}' for other in CORE)}
+    core = (
+        {GROUND} if name in ('executables', 'runtime', 'ros2') else {GROUND, *(f'pkm_core.{other}' for other in CORE)}
+    )
     if name != 'verbs':
         core -= {'pkm_core.verbs'}
     return core | {f'pkm_nodes.{other}' for other in NODES.get(name, '').split()}

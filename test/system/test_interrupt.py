@@ -1,7 +1,11 @@
-"""Ctrl-C in the middle of a motion: exit code and bags."""
+"""SIGINT and SIGTERM at any moment: exit code, output, bags."""
 
+import random
 import signal
-from time import sleep
+import subprocess
+import sys
+from pathlib import Path
+from time import monotonic, sleep
 
 import pytest
 
@@ -11,6 +15,8 @@ from pkm_nodes.clients.cell_client import CellClient
 from pkm_nodes.clients.cell_processes import CellProcesses
 
 DOMAIN = 111
+NODES, BIN = Path(sys.prefix) / 'lib/pkm_nodes', Path(sys.prefix) / 'bin'
+ROS2 = Path(__file__).resolve().parents[2] / 'bringup_scripts/ros2'
 
 
 def test_interrupted_cell_ends_with_code_0_and_readable_bags(tmp_path, monkeypatch):
@@ -35,3 +41,44 @@ def test_interrupted_cell_ends_with_code_0_and_readable_bags(tmp_path, monkeypat
     assert len(bags) >= 2
     for bag in bags:
         assert read_topics(bag, ['/pkm/d1/encoder'])['/pkm/d1/encoder']
+
+
+def test_signals_while_programs_start_print_nothing(processes):
+    """Six programs, each interrupted at a random moment of its start; test/campaign has more of them."""
+    rng, started, due = random.Random(1), [], monotonic()
+    commands = [[NODES / 'machine'], [NODES / 'cell'], [BIN / 'pkm', 'run', '--out', processes.folder / 'run']]
+    commands += [
+        [ROS2, 'topic', 'list'],
+        [ROS2, 'run', 'pkm_nodes', 'recorder'],
+        [BIN / 'pkm', 'page', '--port', '8131'],
+    ]
+    for number, command in enumerate(commands):
+        sent, delay = rng.choice((signal.SIGINT, signal.SIGTERM)), rng.uniform(0.0, 2.5)
+        started.append((due + delay, sent, processes.start(*command, log=f'{number}.log'), number))
+    for at, sent, process, _ in sorted(started, key=lambda each: each[0]):
+        sleep(max(0.0, at - monotonic()))
+        process.send_signal(sent)
+    for _, sent, process, number in started:
+        code, printed = process.wait(timeout=30), (processes.folder / f'{number}.log').read_text()
+        # 0: a node that was up, or a program at its end
+        assert code in (0, 128 + sent, -sent), (commands[number], code, printed)
+        assert not any(word in printed for word in ('Traceback', 'Error', 'Exception', 'invalid')), printed
+
+
+def test_interrupted_run_stops_its_cell_and_keeps_bags(processes):
+    run = processes.start(BIN / 'pkm', 'run', '--cycles', '200', '--law', 'none', '--out', processes.folder / 'run')
+    bags = processes.folder / 'run/bags'
+    deadline = monotonic() + 90.0
+    while not list(bags.glob('*_0002_*')):  # a second bag is begun: the first one is closed
+        assert run.poll() is None, (processes.folder / 'log').read_text()
+        assert monotonic() < deadline
+        sleep(0.05)
+    run.send_signal(signal.SIGTERM)
+    run.send_signal(signal.SIGINT)
+    assert run.wait(timeout=30) in (143, 130)
+    assert 'Traceback' not in (processes.folder / 'log').read_text()
+    assert 'Traceback' not in (processes.folder / 'run/log/cell.log').read_text()
+    for bag in bags.iterdir():
+        assert read_topics(bag, ['/pkm/d1/encoder'])['/pkm/d1/encoder']
+    mark = f'folder:={processes.folder}'
+    assert mark not in subprocess.run(['ps', '-ww', '-eo', 'args'], capture_output=True, text=True, check=True).stdout

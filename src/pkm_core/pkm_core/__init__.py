@@ -1,26 +1,12 @@
 """The mathematics of the parallel-manipulator cell; a plain Python library that knows nothing of ROS."""
 
-import hashlib
 import importlib
 import os
-from pathlib import Path
 from typing import Any
 
+from pkm_core.kernel_cache import kernel_cache as _kernel_cache
 
-def _kernel_cache() -> Path:
-    """
-    Return the folder of numba's cache for the kernels as they stand.
-
-    numba stamps a compiled function with its own source file only, so one that calls a kernel of another file would
-    keep the old kernel after an edit there. A folder named after the text of all kernels cannot be stale.
-    """
-    folder = Path(__file__).resolve().parent
-    sources = (path.read_bytes() for path in sorted(folder.rglob('*.py')))
-    digest = hashlib.sha256(b''.join(text for text in sources if b'njit' in text))
-    return folder / '__pycache__' / f'kernels-{digest.hexdigest()[:12]}'
-
-
-os.environ.setdefault('NUMBA_CACHE_DIR', str(_kernel_cache()))
+os.environ['NUMBA_CACHE_DIR'] = str(_kernel_cache())
 
 # where each exported name is; __init__.pyi has the same names for type checkers
 _MODULES = {

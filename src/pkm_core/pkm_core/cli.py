@@ -1,105 +1,45 @@
-"""
-The command `pkm`: one verb per tool.
+"""The command `pkm`: prepares the process, then runs the application, whose import takes a tenth of a second."""
 
-All verbs come from the entry-point group `pkm.verbs`, those of this package and of packages above it. A verb is
-imported when it is called, because some take seconds; lists of verbs describe it by the docstring in its source.
-"""
-
-import ast
+import os
 import sys
-from functools import cache
-from importlib.metadata import entry_points, version
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Annotated
-
-import typer
-from typer.core import TyperCommand, TyperGroup
 
 from pkm_core.errors import PkmError
-
-_SETTINGS = {'help_option_names': ['-h', '--help']}
-
-
-@cache
-def _entries():
-    """Return {verb: entry point}, sorted by verb."""
-    return {entry.name: entry for entry in sorted(entry_points(group='pkm.verbs'), key=lambda entry: entry.name)}
-
-
-class _Verbs(TyperGroup):
-    """All verbs."""
-
-    def list_commands(self, ctx):
-        """Return the names of the verbs."""
-        return list(_entries())
-
-    def get_command(self, ctx, cmd_name):
-        """Return a command to describe, not to run; None for an unknown verb."""
-        if cmd_name not in self.commands and cmd_name in _entries():
-            self.add_command(_described(_entries()[cmd_name]))
-        return super().get_command(ctx, cmd_name)
-
-    def resolve_command(self, ctx, args):
-        """Return the verb that is called, imported."""
-        self.commands = {name: self.get_command(ctx, name) for name in _entries()}  # also those a typing error may mean
-        if args[0] in _entries():
-            self.add_command(_imported(_entries()[args[0]]))
-            return args[0], self.commands[args[0]], args[1:]
-        return super().resolve_command(ctx, args)
-
-
-def _described(entry):
-    """Return a command with name and help of the verb `entry`, read without importing it."""
-    module, _, function = entry.value.partition(':')
-    source = find_spec(module)
-    if source is None or source.origin is None:
-        raise ImportError(f'entry point {entry.name}: no module {module}')
-    parsed = ast.parse(Path(source.origin).read_bytes())
-    found = next(each for each in parsed.body if isinstance(each, ast.FunctionDef) and each.name == function)
-    return TyperCommand(entry.name, help=ast.get_docstring(found), rich_markup_mode='markdown')
-
-
-def _imported(entry):
-    """Return the command of the verb `entry`."""
-    verb = typer.Typer(
-        add_completion=False, rich_markup_mode='markdown', context_settings=_SETTINGS, pretty_exceptions_enable=False
-    )
-    verb.command(entry.name)(entry.load())
-    return typer.main.get_command(verb)
-
-
-app = typer.Typer(
-    cls=_Verbs,
-    help='Tools of the parallel-manipulator cell. Verbs that compute figures write them with --json FILE.',
-    no_args_is_help=True,
-    rich_markup_mode='markdown',
-    context_settings=_SETTINGS,
-    pretty_exceptions_enable=False,
-)
-
-
-def _print_version(wanted: bool):
-    if wanted:
-        print(version('pkm_core'))
-        raise typer.Exit
-
-
-@app.callback()
-def _pkm(
-    _version: Annotated[
-        bool, typer.Option('--version', is_eager=True, callback=_print_version, help='Print the version and exit.')
-    ] = False,
-):
-    """Keep the form `pkm VERB` when only one verb is loaded."""
+from pkm_core.interrupts import Interrupted
+from pkm_core.start import prepare
 
 
 def main():
-    """Run the command line; a refusal prints one line on stderr and exits with code 1."""
+    """
+    Run the command line and exit.
+
+    A refusal, and an output that cannot be written, give one line on stderr and exit code 1; the reader of a pipe that
+    ends first gives 1 without a line. SIGINT and SIGTERM give 130 and 143.
+    """
     try:
-        app()
+        prepare()
+        try:
+            _run()
+        finally:
+            sys.stdout.flush()
     except PkmError as error:
-        print(f'pkm: {error}', file=sys.stderr)
-        sys.exit(1)
-    except KeyboardInterrupt:
-        sys.exit(130)
+        _end(1, f'pkm: {error}')
+    except Interrupted as interrupted:
+        _end(interrupted.code)
+    except BrokenPipeError:
+        _end(1)
+    except OSError as error:
+        _end(1, f'pkm: {error.filename or "output"}: {error.strerror or error}')
+
+
+def _run():
+    from pkm_core.app import app
+
+    app()
+
+
+def _end(code, line=''):
+    """Exit with `code`; what stdout still holds is dropped, because it may not be writable."""
+    if line:
+        print(line, file=sys.stderr)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    sys.exit(code)

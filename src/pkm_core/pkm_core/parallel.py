@@ -3,11 +3,13 @@
 import asyncio
 import multiprocessing
 import os
+import signal
 import threading
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 
 from pkm_core.errors import PkmError
+from pkm_core.interrupts import blocked, interruptible
 
 
 @contextmanager
@@ -26,7 +28,7 @@ def search_executor(processes, cluster):
     if not cluster:
         # spawn instead of fork, because numba and the progress bar have threads
         context = multiprocessing.get_context('spawn')
-        with ProcessPoolExecutor(processes or os.cpu_count(), context, _end_with_parent) as executor:
+        with interruptible(), _Pool(processes or os.cpu_count(), context, _end_with_parent) as executor:
             yield executor
         return
     from distributed import Client
@@ -37,6 +39,21 @@ def search_executor(processes, cluster):
         raise PkmError(f'--cluster: {cluster!r}: {error}') from None
     with Client(cluster, set_as_default=False) as client:
         yield client.get_executor()
+
+
+class _Pool(ProcessPoolExecutor):
+    """Worker processes that do not see Ctrl-C; an interrupted parent ends them instead of waiting for their work."""
+
+    def submit(self, *arguments, **keywords):
+        with blocked([signal.SIGINT]):  # it may start a worker, in which the signal stays blocked
+            return super().submit(*arguments, **keywords)
+
+    def __exit__(self, kind, *arguments):
+        if kind is not None:
+            self.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+        return super().__exit__(kind, *arguments)
 
 
 def _end_with_parent():

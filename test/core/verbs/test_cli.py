@@ -58,7 +58,7 @@ def test_completion_offers_verbs_and_the_options_of_a_verb(monkeypatch):
         monkeypatch.setenv('_PKM_COMPLETE', 'complete_bash')
         monkeypatch.setenv('COMP_WORDS', typed)
         monkeypatch.setenv('COMP_CWORD', str(typed.count(' ')))
-        script = "import sys; from pkm_core.cli import app; app(prog_name='pkm')"
+        script = "import sys; from pkm_core.app import app; app(prog_name='pkm')"
         return run(script).stdout.split()
 
     assert {'bag-doctor', 'bag-play', 'budget'} <= set(offered('pkm b'))

@@ -68,3 +68,11 @@ def test_bar_that_is_not_kept_leaves_nothing(console):
 def test_plain_text_is_neither_wrapped_nor_markup(console):
     console.plain('[red]' + 'x' * 100)
     assert printed(console) == '[red]' + 'x' * 100 + '\n'
+
+
+def test_narrow_terminal_shows_every_digit_of_a_table():
+    console = Output(file=StringIO(), width=30)
+    numbers = [f'{number}.123456' for number in range(10, 18)]
+    console.print(table('wide', [f'column {number}' for number in numbers], [numbers]))
+    assert all(f' {number} ' in printed(console) for number in numbers)
+    assert console.width == 30

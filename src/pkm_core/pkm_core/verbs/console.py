@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from rich.box import HEAVY_HEAD, SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -15,9 +16,27 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from pkm_core.interrupts import interruptible
+
+# [characters] of a terminal too narrow for a table, which then wraps its lines: rich would leave out digits
+_USUAL_WIDTH = 80
+
 
 class Output(Console):
     """The terminal, with what verbs print on it."""
+
+    def print(self, *objects, **options):
+        """Print as `Console.print` does; a table is as wide as its longest words need, whatever the terminal is."""
+        wide = self.options.update(width=1000)
+        sizes = [Measurement.get(self, wide, each) for each in objects if isinstance(each, Table)]
+        if not any(size.minimum > self.width for size in sizes):
+            super().print(*objects, **options)
+            return
+        before, self.width = self.width, max(max(size.minimum, min(size.maximum, _USUAL_WIDTH)) for size in sizes)
+        try:
+            super().print(*objects, **options)
+        finally:
+            self.width = before
 
     def plain(self, text):
         """Print `text` as it is: not wrapped, square brackets included."""
@@ -108,7 +127,7 @@ def progress_bars(console, names, total=None, *, keep=False):
     """
     share = TaskProgressColumn() if total is None else MofNCompleteColumn()
     columns = (TextColumn('{task.description}'), BarColumn(), share, TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=not keep) as display:
+    with interruptible(), Progress(*columns, console=console, transient=not keep) as display:  # it restores the cursor
         yield [Bar(display, name, 1.0 if total is None else total) for name in names]
 
 

@@ -9,9 +9,11 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import UInt64
 
 from pkm_core.errors import PkmError
+from pkm_core.interrupts import held_back
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import SaveLearned
@@ -26,8 +28,9 @@ from pkm_nodes.runtime.node import TICK_QOS, PkmNode
 _UP_TIMEOUT = 90.0
 # [s, wall] before missing replacements of nodes are reported
 _PATIENCE = 5.0
-# [s, wall] from the end of a process to the end of the goal: a silent machine ends it after 20 s, the rest is margin
-_DEATH_TIMEOUT = 40.0
+# [s, wall] for the answer to a request, and from the end of a process to the end of the goal: DDS forgets a killed
+# process after 20 s
+ANSWER_TIMEOUT = 23.0
 # [s, wall] from the last tick to the closed bag
 _RECORDED_TIMEOUT = 10.0
 
@@ -55,7 +58,12 @@ class CellClient:
         self._namespace, self._session = namespace, session
 
     def __enter__(self):
-        rclpy.init()
+        with held_back():
+            self._open()
+        return self
+
+    def _open(self):
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # a signal raises `Interrupted`; the graph stays
         of_session = [Parameter('session', value=self._session)]
         self._node = PkmNode('pkm_run', namespace=self._namespace, parameter_overrides=of_session)
         self._executor = FAST_PATH.stepped_executor(rclpy.get_default_context())
@@ -63,12 +71,12 @@ class CellClient:
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
         self._begin_log()
         subscribe_events(self._node, self._on_event)
-        return self
 
     def __exit__(self, *_):
-        self._client.destroy()
-        self._node.destroy_node()
-        rclpy.try_shutdown()
+        with held_back():
+            self._client.destroy()
+            self._node.destroy_node()
+            rclpy.try_shutdown()
 
     def _begin_log(self):
         self._log, self._of_goal = CycleLog(), set()  # the log and the numbers of its cycles
@@ -101,7 +109,8 @@ class CellClient:
         """Serve ROS until `condition()`, at most `timeout` [s]; return whether it became true."""
         deadline = monotonic() + timeout
         while not condition():
-            self._executor.spin_once(timeout_sec=0.1)
+            with held_back():  # an exception within rclpy can leave it without answers
+                self._executor.spin_once(timeout_sec=0.1)
             check()
             if monotonic() > deadline:
                 return False
@@ -170,9 +179,8 @@ class CellClient:
         )
         self._begin_log()
         self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
-        sent = self._client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
-        self._spin_until(sent.done, check, _UP_TIMEOUT, 'the cell did not answer the goal')
-        answer = self._wait_for_result(sent.result(), 'execute_motion', check, lambda: bool(self._log.unrecorded))
+        handle = self._send(self._client, goal, 'execute_motion', check, on_feedback)
+        answer = self._wait_for_result(handle, 'execute_motion', check, lambda: bool(self._log.unrecorded))
         if self._log.unrecorded or answer.status != GoalStatus.STATUS_SUCCEEDED:
             reason = next(iter(self._log.unrecorded), answer.result.message)
             raise PkmError(f'after {answer.result.cycles_completed} of {cycles} cycles: {reason}')
@@ -185,6 +193,16 @@ class CellClient:
         if self._log.unrecorded:
             raise PkmError(self._log.unrecorded[0])
         return self._log
+
+    def _send(self, client, goal, action, check, on_feedback):
+        """Return the handle of `goal`, sent with `client` to `action`; `PkmError` if its server leaves unanswered."""
+        server = Presence(self._node, f'{action}/_action/status')
+        sent = client.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
+        late = f'the cell did not answer a goal of {action}'
+        self._spin_until(lambda: sent.done() or server.has_ended(), check, ANSWER_TIMEOUT, late)
+        if not sent.done():
+            raise PkmError(f'{action}: its server has left the graph without an answer; restart it')
+        return sent.result()
 
     def _wait_for_result(self, goal, action, check, is_enough=lambda: False):
         """
@@ -208,7 +226,7 @@ class CellClient:
                 self._spin_until(over, check, inf, '')
         except PkmError as death:
             # a machine without the replies of an ended process makes a safe stop and reports it
-            self._spin_until(over, lambda: None, _DEATH_TIMEOUT, f'{death}\nthe goal did not end')
+            self._spin_until(over, lambda: None, ANSWER_TIMEOUT, f'{death}\nthe goal did not end')
             raise PkmError(f'{death}\n{answer.result().result.message if answer.done() else ""}'.rstrip()) from None
         if not answer.done():
             raise PkmError(f'{action}: its server has left the graph; the goal is lost')
@@ -218,7 +236,7 @@ class CellClient:
         """Make the cell save the best feedforward of the last motion to `path`; `PkmError` if it refuses."""
         client = self._node.create_client(SaveLearned, 'learning/save')
         answer = client.call_async(SaveLearned.Request(session=self._session, path=str(path)))
-        self._spin_until(answer.done, check, _UP_TIMEOUT, f'{client.srv_name} did not answer')
+        self._spin_until(answer.done, check, ANSWER_TIMEOUT, f'{client.srv_name} did not answer')
         self._node.destroy_client(client)
         if not answer.result().success:
             raise PkmError(answer.result().message)

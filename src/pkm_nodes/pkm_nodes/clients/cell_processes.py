@@ -4,11 +4,14 @@ import ctypes
 import os
 import signal
 import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 from time import monotonic, sleep
 
 from pkm_core.config import install_prefixes
 from pkm_core.errors import PkmError
+from pkm_core.interrupts import held_back, interruptible
+from pkm_nodes.clients.shared_memory import remove_leftovers
 from pkm_nodes.graph import NAMESPACE, cell_nodes, composed_cell, leave_out
 from pkm_nodes.parts.cell_lock import require_free
 from pkm_nodes.runtime.session import new_session
@@ -17,10 +20,16 @@ from pkm_nodes.runtime.session import new_session
 _PATIENCE = 10.0
 
 
-def _end_with_parent():
-    """Make Linux send SIGINT to this process when its parent ends, however it ends."""
-    set_parent_death_signal = 1  # PR_SET_PDEATHSIG of sys/prctl.h
-    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGINT)
+def _end_with(parent):
+    """Return a function that makes Linux interrupt the process that calls it when `parent` ends, however it ends."""
+    libc, set_parent_death_signal = ctypes.CDLL(None), 1  # PR_SET_PDEATHSIG of sys/prctl.h
+
+    def end_with_parent():
+        libc.prctl(set_parent_death_signal, signal.SIGINT)
+        if os.getppid() != parent:  # it ended before
+            os._exit(1)
+
+    return end_with_parent
 
 
 def _executables():
@@ -111,9 +120,15 @@ class CellProcesses:
         self.processes = {}
 
     def __enter__(self):
+        remove_leftovers()
         require_free(self._namespace)  # the machine itself refuses too, but only once its process is up
-        for name in self._specs:
-            self.start(name)
+        with ExitStack() as stack:
+            stack.enter_context(interruptible())
+            stack.callback(self._stop)
+            with held_back():
+                for name in self._specs:
+                    self.start(name)
+            self._stack = stack.pop_all()
         return self
 
     def command(self, executable):
@@ -136,10 +151,17 @@ class CellProcesses:
                 stderr=subprocess.STDOUT,
                 # a Ctrl-C in the terminal goes to the parent only, which then stops the cell in order
                 start_new_session=True,
-                preexec_fn=_end_with_parent,  # noqa: PLW1509 (it takes no lock)
+                preexec_fn=_end_with(os.getpid()),  # noqa: PLW1509 (it takes no lock)
             )
 
     def __exit__(self, *_):
+        self._stack.close()
+
+    def _stop(self):
+        with held_back():
+            self._end_all()
+
+    def _end_all(self):
         for process in self.processes.values():
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)

@@ -5,34 +5,32 @@ from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 
 from pkm_core.errors import PkmError
+from pkm_core.interrupts import held_back
 from pkm_interfaces.action import Identify
-from pkm_nodes.clients.cell_client import CellClient
+from pkm_nodes.clients.cell_client import ANSWER_TIMEOUT, CellClient
 from pkm_nodes.messages.conversions import experiments_to_msg
-
-# [s, wall] to find the action server in a running cell, and for its reply to a goal
-_ANSWER_TIMEOUT = 30.0
 
 
 class IdentifyClient(CellClient):
     """Client of a running cell; use it in a ``with`` block. It owns rclpy's default context."""
 
-    def __enter__(self):
-        super().__enter__()
+    def _open(self):
+        super()._open()
         self._identify = ActionClient(self._node, Identify, 'identify')
-        return self
 
     def __exit__(self, *arguments):
-        self._identify.destroy()
-        super().__exit__(*arguments)
+        with held_back():
+            self._identify.destroy()
+            super().__exit__(*arguments)
 
     def reload(self, joints, check):
         """Make the running nodes load the current configuration files; `PkmError` with all refusals."""
         refusals = []
         for name in (*(f'{joint}/reload' for joint in joints), 'learning/reload', 'trajectory_generator/reload'):
             client = self._node.create_client(Trigger, name)
-            self._spin_until(client.service_is_ready, check, _ANSWER_TIMEOUT, f'the cell did not offer {name}')
+            self._spin_until(client.service_is_ready, check, ANSWER_TIMEOUT, f'the cell did not offer {name}')
             answer = client.call_async(Trigger.Request())
-            self._spin_until(answer.done, check, _ANSWER_TIMEOUT, f'{client.srv_name} did not answer')
+            self._spin_until(answer.done, check, ANSWER_TIMEOUT, f'{client.srv_name} did not answer')
             self._node.destroy_client(client)
             if not answer.result().success:
                 refusals.append(answer.result().message)
@@ -60,10 +58,9 @@ class IdentifyClient(CellClient):
         """
         goal = goal_of(request)
         goal.session = self._session
-        self._spin_until(self._identify.server_is_ready, check, _ANSWER_TIMEOUT, 'the cell did not offer identify')
-        sent = self._identify.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
-        self._spin_until(sent.done, check, _ANSWER_TIMEOUT, 'the cell did not answer the goal')
-        answer = self._wait_for_result(sent.result(), 'identify', check)
+        self._spin_until(self._identify.server_is_ready, check, ANSWER_TIMEOUT, 'the cell did not offer identify')
+        handle = self._send(self._identify, goal, 'identify', check, on_feedback)
+        answer = self._wait_for_result(handle, 'identify', check)
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             raise PkmError(answer.result.message)
         return answer.result

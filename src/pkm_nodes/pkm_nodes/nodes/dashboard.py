@@ -7,7 +7,7 @@ and joint_states, hundreds per second, only the latest message is taken. The pro
 
 import os
 import sys
-from contextlib import suppress
+from contextlib import closing, suppress
 from math import atan2
 from time import monotonic, sleep
 
@@ -21,7 +21,6 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -36,7 +35,7 @@ from pkm_nodes.graph import cell_nodes, controller_nodes
 from pkm_nodes.messages.diagnostics import FAULT, STATE, TICK, values_of
 from pkm_nodes.page.cell import Cell, NodeLine, Notice, Status, home_pose
 from pkm_nodes.parts.cycle_events import subscribe_events
-from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, RCLError
+from pkm_nodes.runtime.node import CYCLE_QOS, REFUSALS, PkmNode, RCLError, begin
 
 # [1/s, wall] rate of serving ROS and updating the page
 _RATE = 15.0
@@ -264,16 +263,17 @@ def show(args=None):
     from pkm_nodes.page.page import Page
 
     os.nice(10)  # the page yields the processor to the cell
-    rclpy.init(args=args)
+    begin(args)
     try:
         node = DashboardNode()
-        page = Page(node.host, node.port)
-        where = f'{node.get_namespace()}, ROS domain {node.context.get_domain_id()}'
-        print(f'{page.address} shows the cell in {where}; Ctrl-C ends it', flush=True)
-        with suppress(KeyboardInterrupt, ExternalShutdownException):
+        with closing(Page(node.host, node.port)) as page:
+            where = f'{node.get_namespace()}, ROS domain {node.context.get_domain_id()}'
+            print(f'{page.address} shows the cell in {where}; Ctrl-C ends it', flush=True)
             serve(node, page)
-        page.close()
         node.destroy_node()
+    except Exception:
+        if rclpy.ok():  # otherwise it was interrupted
+            raise
     finally:
         with suppress(RCLError):  # the signal handler's thread may be faster
             rclpy.try_shutdown()
@@ -283,6 +283,6 @@ def main(args=None):
     """Run the node as a process of its own."""
     try:
         show(args)
-    except (PkmError, ParameterException) as error:
+    except REFUSALS as error:
         print(error, file=sys.stderr)
         sys.exit(1)

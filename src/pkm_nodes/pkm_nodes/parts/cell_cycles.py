@@ -88,10 +88,11 @@ class CellCycles:
 
         """
         before, generator = self._cycle, Presence(self._node, 'execute_motion/_action/status')
-        handle = await self._motion.send_goal_async(goal)
-        ended = handle.get_result_async()
-        await self.until(lambda: ended.done() or generator.has_ended())
-        if not ended.done():
+        sent = self._motion.send_goal_async(goal)
+        ended = None
+        if await self._until_done(sent, generator):
+            ended = sent.result().get_result_async()
+        if ended is None or not await self._until_done(ended, generator):
             raise self._error(f'{name}: the trajectory_generator is gone; start it again')
         answer = ended.result()
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
@@ -99,6 +100,11 @@ class CellCycles:
         if not await self.until(lambda: self._cycle > before and self._cycle in self._bags, _RECORDED):
             raise self._error(f'{name}: the recorder has closed no bag within {_RECORDED:g} s')
         return self._bags.pop(self._cycle)
+
+    async def _until_done(self, future, server):
+        """Wait for `future`; return False if `server`, a `Presence`, leaves the graph first."""
+        await self.until(lambda: future.done() or server.has_ended())
+        return future.done()
 
     def stop(self, reason):
         """Brake the machine at once, or as soon as the next cycle starts; a standing machine ignores it."""

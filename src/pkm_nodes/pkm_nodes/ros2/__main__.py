@@ -3,10 +3,13 @@
 import argparse
 import importlib
 import os
-import signal
 import sys
 
+from pkm_core.errors import PkmError
+from pkm_core.interrupts import Interrupted, interruptible
+from pkm_core.start import prepare
 from pkm_nodes.ros2.shared import add_commands
+from pkm_nodes.runtime.environment import check_ros_environment
 
 COMMANDS = {  # each is a module of this package with add_arguments(parser)
     'action': 'Various action related sub-commands',
@@ -40,21 +43,23 @@ def make_parser(argv):
 
 def main(argv):
     """Run one command line; return its exit status, or the text of the error that ended it."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(int(signal.SIGTERM)))  # so that a goal is still cancelled
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     if sys.prefix not in prefixes:  # no setup file is sourced here
         os.environ['AMENT_PREFIX_PATH'] = os.pathsep.join(filter(None, [*prefixes, sys.prefix]))
     try:
+        prepare()
+        check_ros_environment()
         args = make_parser(argv).parse_args(argv)
         if not args.use_python_default_buffering:
             sys.stdout.reconfigure(line_buffering=True)
-        return args.main(args)
-    except KeyboardInterrupt:
-        return int(signal.SIGINT)
+        with interruptible():
+            return args.main(args)
+    except Interrupted as interrupted:
+        return interrupted.code
     except BrokenPipeError:  # the reader of the pipe, such as head, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (RuntimeError, OSError) as error:
+    except (RuntimeError, OSError, PkmError) as error:
         return str(error)
 
 

@@ -1,12 +1,11 @@
 """`ros2 action send_goal`."""
 
-import signal
 import sys
-from contextlib import contextmanager
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 
+from pkm_core.interrupts import held_back
 from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.ros2.messages import make_message, message_to_yaml, parse_yaml
 from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, ros_node, spin_until_done
@@ -38,12 +37,15 @@ def send_goal(args):
         if not client.wait_for_server(FIND_TIMEOUT):
             return f"No action server '{args.action_name}' of type '{args.action_type}' within {FIND_TIMEOUT} s"
         print(f'Sending goal:\n     {message_to_yaml(goal)}')
+        check = _presence_of_server(node, args.action_name)
         pending = client.send_goal_async(goal, _print_feedback if args.feedback else None)
         try:
-            with _interrupts() as check:
-                return _follow(node, pending, check)
+            return _follow(node, pending, check)
+        except _ServerLeftError:
+            raise
         except BaseException:  # Ctrl-C, SIGTERM, a closed pipe: the machine must not keep moving
-            _cancel(node, pending)
+            with held_back():
+                _cancel(node, pending)
             raise
 
 
@@ -51,24 +53,28 @@ def _print_feedback(msg):
     print(f'Feedback:\n    {message_to_yaml(msg.feedback)}')
 
 
-@contextmanager
-def _interrupts():
-    """
-    Hold back Ctrl-C; yield a function that raises KeyboardInterrupt if it was pressed.
+class _ServerLeftError(RuntimeError):
+    """The action server is gone: a goal has no answer, and cannot be cancelled."""
 
-    Raised within rclpy, the interrupt can leave the action client without answers: one cancel request in ten had none.
+
+def _presence_of_server(node, action_name):
     """
-    pressed = []
+    Return a function that raises `_ServerLeftError` when the servers that are there now have left the graph.
+
+    DDS removes a killed process after 20 s.
+    """
+    topic = node.resolve_topic_name(f'{action_name}/_action/status')
+
+    def servers():
+        return {bytes(info.endpoint_gid) for info in node.get_publishers_info_by_topic(topic)}
+
+    first = servers()
 
     def check():
-        if pressed:
-            raise KeyboardInterrupt
+        if first and not first & servers():
+            raise _ServerLeftError(f"The action server '{action_name}' has left the graph; the goal is lost")
 
-    before = signal.signal(signal.SIGINT, lambda *_: pressed.append(True))
-    try:
-        yield check
-    finally:
-        signal.signal(signal.SIGINT, before)
+    return check
 
 
 def _follow(node, pending, check):

@@ -44,10 +44,15 @@ def call(args):
             print('waiting for service to become available...')
             if not client.wait_for_service(FIND_TIMEOUT):
                 return f"No service '{args.service_name}' of type '{args.service_type}' within {FIND_TIMEOUT} s"
+
+        def check():
+            if not client.service_is_ready():
+                raise RuntimeError(f"The service '{args.service_name}' has left the graph without an answer")
+
         while True:
             called = time.monotonic()
             print(f'requester: making request: {request!r}\n')
-            print(f'response:\n{spin_until_done(node, client.call_async(request))!r}\n')
+            print(f'response:\n{spin_until_done(node, client.call_async(request), check=check)!r}\n')
             if args.rate is None:
                 return None
             time.sleep(max(0.0, called + 1 / args.rate - time.monotonic()))

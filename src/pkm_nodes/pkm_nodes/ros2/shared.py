@@ -5,6 +5,7 @@ import contextlib
 import os
 import time
 
+from pkm_core.interrupts import held_back
 from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.runtime.discovery import DISCOVERY_TIME, POLL, wait_for
 
@@ -54,7 +55,7 @@ def number(kind, accepts, wanted):
 
 @contextlib.contextmanager
 def ros_node(name=f'{NODE_PREFIX}_{os.getpid()}', use_sim_time=False):
-    """Open a node for one command. Ctrl-C raises KeyboardInterrupt and leaves ROS up: a goal can be cancelled."""
+    """Open a node for one command. A signal raises `Interrupted` and leaves ROS up: a goal can be cancelled."""
     import rclpy
     from rclpy.exceptions import NameValidationException
     from rclpy.signals import SignalHandlerOptions
@@ -72,7 +73,11 @@ def ros_node(name=f'{NODE_PREFIX}_{os.getpid()}', use_sim_time=False):
 
 
 def spin_until_done(node, future, timeout=float('inf'), check=lambda: None):
-    """Spin until the future is done and return its result; `check()` may raise between two callbacks."""
+    """
+    Spin until the future is done and return its result; `check()` may raise between two callbacks.
+
+    An exception within rclpy can leave an action client without answers: one cancel request in ten had none.
+    """
     import rclpy
 
     deadline = time.monotonic() + timeout
@@ -80,7 +85,8 @@ def spin_until_done(node, future, timeout=float('inf'), check=lambda: None):
         if time.monotonic() > deadline:
             raise RuntimeError(f'No answer within {timeout} s')
         check()
-        rclpy.spin_once(node, timeout_sec=POLL)
+        with held_back():
+            rclpy.spin_once(node, timeout_sec=POLL)
     return future.result()
 
 

@@ -3,6 +3,8 @@
 import os
 import time
 
+from pkm_nodes.runtime.environment import check_ros_environment
+
 # [s] until a new node knows the graph: Fast DDS announces a process every 3 s
 DISCOVERY_TIME = 3.5
 # [s] between two looks at the graph; signals are answered within this time
@@ -11,11 +13,12 @@ POLL = 0.1
 
 def discover_on_this_computer():
     """
-    Limit discovery to this computer, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
+    Limit discovery to this computer, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set; check the environment of ROS.
 
     Call it before rclpy is initialised; processes started later inherit it. Cells of two computers on one network would
     otherwise meet.
     """
+    check_ros_environment()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.exceptions import NotInitializedException, ParameterException
-from rclpy.executors import ExternalShutdownException
+from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -20,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from pkm_core.config import Configuration
 from pkm_core.errors import ConfigError, PkmError
+from pkm_core.interrupts import SIGNALS, blocked
 from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.groups import HotGroup
 from pkm_nodes.runtime.parameter_sources import place_of, sources_of
@@ -27,6 +27,13 @@ from pkm_nodes.runtime.session import SESSION, checked_session
 from pkm_nodes.runtime.tick_subscription import TickSubscription
 
 RCLError = rclpy_implementation.RCLError
+# errors of a node that is not started as it should be: they end its process with one line
+REFUSALS = (
+    PkmError,
+    ParameterException,
+    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.UnknownROSArgsError,
+)
 
 
 def reliable(depth):
@@ -216,26 +223,38 @@ def run(make_nodes, args=None):
 
     A refused configuration or parameter ends the process with one line and code 1.
     """
-    # rclpy's signal handler ends the executor between two callbacks; a KeyboardInterrupt would end a callback, and
-    # break the bag of the recorder
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    rclpy.init(args=args)
     nodes = []
     try:
+        begin(args)
         nodes += make_nodes()
         spin(nodes)
-    except (ExternalShutdownException, RCLError, NotInitializedException):
-        if rclpy.ok():
-            raise
-    except (PkmError, ParameterException) as error:
+    except REFUSALS as error:
         print(error, file=sys.stderr)
         return 1
+    except Exception:
+        if rclpy.ok():
+            raise
+        # interrupted: the context is gone, and whatever used it has raised something
     finally:
         for node in nodes:
-            node.destroy_node()
+            with suppress(RCLError, InvalidHandle):  # as above; every node is destroyed, the recorder closes its bag
+                node.destroy_node()
         with suppress(RCLError):  # the thread of the signal handler may have done so
             rclpy.try_shutdown()
     return 0
+
+
+def begin(args=None):
+    """
+    Initialise rclpy in a process that SIGINT and SIGTERM end between two callbacks, with exit code 0.
+
+    rclpy's handler shuts the context down and then calls the one before it. That one does nothing: an exception would
+    end a callback, and break the bag of the recorder. No signal is lost in between, because both are blocked.
+    """
+    with blocked():
+        for number in SIGNALS:
+            signal.signal(number, lambda *_: None)
+        rclpy.init(args=args)
 
 
 def entry_point(make):

@@ -7,6 +7,7 @@ import typer
 
 from pkm_core.bag.reader import raw_messages
 from pkm_core.errors import BagError
+from pkm_core.interrupts import interruptible
 from pkm_core.verbs.console import Output
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
@@ -33,21 +34,26 @@ def bag_play(
 
     from pkm_nodes.clients.bag_player import BagPlayer
 
-    console = Output()
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C raises KeyboardInterrupt
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)  # a signal raises `Interrupted`
     try:
-        node = rclpy.create_node('bag_player', namespace='pkm')
-        with console.status('looking for subscriptions'):
-            player = BagPlayer(node, messages)
-        for topic, owners in player.left_out.items():
-            console.plain(f'{topic} is left to {", ".join(owners)}')
-        subscriptions = sum(publisher.get_subscription_count() for publisher in player.publishers.values())
-        console.plain(f'playing {len(player.publishers)} topics to {subscriptions} subscriptions')
-        simulated = (messages[-1][3] - messages[0][3]) * 1e-9
-        while True:
-            seconds = player.play(rate)
-            console.plain(f'{simulated:.3f} s of simulated time in {seconds:.3f} s')
-            if not loop:
-                return
+        with interruptible():
+            _play(BagPlayer, rclpy.create_node('bag_player', namespace='pkm'), messages, rate, loop)
     finally:
         rclpy.shutdown()
+
+
+def _play(player_type, node, messages, rate, loop):
+    """Play the messages once, or with `loop` until interrupted."""
+    console = Output()
+    with console.status('looking for subscriptions'):
+        player = player_type(node, messages)
+    for topic, owners in player.left_out.items():
+        console.plain(f'{topic} is left to {", ".join(owners)}')
+    subscriptions = sum(publisher.get_subscription_count() for publisher in player.publishers.values())
+    console.plain(f'playing {len(player.publishers)} topics to {subscriptions} subscriptions')
+    simulated = (messages[-1][3] - messages[0][3]) * 1e-9
+    while True:
+        seconds = player.play(rate)
+        console.plain(f'{simulated:.3f} s of simulated time in {seconds:.3f} s')
+        if not loop:
+            return

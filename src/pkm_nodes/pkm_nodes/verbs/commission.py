@@ -68,6 +68,7 @@ def commission(
 
     Example: `pkm commission --machine four_dof --specimen 7 --out runs/commissioned`
     """
+    discover_on_this_computer()
     from pkm_core.commissioning.config_copy import copy_config
     from pkm_core.commissioning.report import write_page
     from pkm_core.tuning.config import load_tuning
@@ -121,7 +122,6 @@ def _bench(arrangement, machine_name, machine, motion, options, plugins):
     if arrangement is Arrangement.simulation:
         yield SimulatedBench(machine, machine_name, load_motion(motion), **options)
         return
-    discover_on_this_computer()
     from pkm_nodes.clients.commissioning_bench import CellBench
 
     with CellBench(machine_name, machine, str(motion), arrangement.value, **options, plugins=plugins) as bench:

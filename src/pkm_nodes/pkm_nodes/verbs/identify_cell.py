@@ -58,6 +58,7 @@ def identify_cell(
 
     Example: `pkm identify-cell --machine planar --joint d1 --out runs/identified`
     """
+    discover_on_this_computer()
     console, machine = Output(), load_machine(machine_name)
     request = Request(tuple(joint or ()), kind, positions, band, voltage, 1e-3 * jog, 1e-3 * stroke)
     plan(machine, request, load_model(machine), load_control(machine))  # refuses it before a process starts
@@ -77,7 +78,6 @@ def identify_cell(
 
 def _identify(console, machine_name, request, seed, environment, arrangement, out):
     """Run the cell and return the `Identify.Result`."""
-    discover_on_this_computer()
     from pkm_nodes.clients.cell_processes import CellProcesses
     from pkm_nodes.clients.identify_client import IdentifyClient
 

@@ -84,6 +84,7 @@ def run(
 
     Example: `pkm run --without joint_controller_d3`
     """
+    discover_on_this_computer()
     console = Output()
     namespace = namespace_of(namespace)
     goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned, learning_target)
@@ -183,7 +184,6 @@ class _Goal:
 
 def _drive(console, machine_name, arrangement, namespace, cell_options, goal, out):
     """Return the `CycleLog` of the cell, the `CycleRecord`s of its bags, its session, and why nothing was saved."""
-    discover_on_this_computer()
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
     from pkm_nodes.clients.own_bags import read_own
