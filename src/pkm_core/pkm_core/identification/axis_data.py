@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pkm_core.control.feasibility import drive_limit
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.coupling import reaction_voltage
 
@@ -116,8 +117,3 @@ def joint_number(machine, joint):
     if joint not in machine.joints:
         raise IdentificationError(f'joint {joint!r} is unknown; {machine.name} has {list(machine.joints)}')
     return machine.joints.index(joint)
-
-
-def drive_limit(machine):
-    """Return the voltage [V] at which a drive of `machine` reaches its limit of voltage or thrust."""
-    return min(machine.voltage_limit, machine.limits.thrust / machine.thrust_per_volt)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pkm_core.control.feasibility import drive_limit
 from pkm_core.identification import IdentificationError
-from pkm_core.identification.axis_data import drive_limit, joint_number
+from pkm_core.identification.axis_data import joint_number
 from pkm_core.identification.guard import Bounds
 from pkm_core.identification.path import Path
 from pkm_core.identification.sweep import Sweep, forecast, one_period

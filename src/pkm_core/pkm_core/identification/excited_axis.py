@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from pkm_core.control.feasibility import drive_limit
 from pkm_core.identification import IdentificationError
-from pkm_core.identification.axis_data import drive_limit
 from pkm_core.identification.guard import Bounds, Guard
 from pkm_core.identification.sweep import forecast
 

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass
 
-from pkm_core.identification.axis_data import drive_limit
+from pkm_core.control.feasibility import drive_limit
 
 _MEMORY = 8  # [samples] span of the speed measurement; one count is then 0.05 mm/s
 _FORECAST = 1.5  # allowed over forecast: margin for the error of the model
