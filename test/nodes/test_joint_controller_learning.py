@@ -191,3 +191,14 @@ def test_invalid_feedforward_is_refused(graph, axis, feedforward, text):
     message.feedforward = array('d', feedforward)
     axis.send(message)
     assert text in graph.next_event(CycleEvent.REFUSED, cycle=1).message
+
+
+def test_command_at_its_limit_is_noticed(graph, axis, machine):
+    """Without a law too; the event counts the samples of the cycle."""
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    commands = axis.run(1, lambda index: 5e-3 if 10 <= index < 13 else 0.0)  # [m]: 20 V
+    limited = sum(abs(command.voltage) == machine.voltage_limit for command in commands)
+    assert limited > 0
+    notice = graph.next_event(CycleEvent.NOTICE, cycle=1)
+    assert f'd3: {limited} of {SAMPLES} samples at the limit of 10 V' in notice.message

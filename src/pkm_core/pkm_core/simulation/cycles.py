@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pkm_core.control.controllers import JointControllers, make_controller
+from pkm_core.control.feasibility import saturation_notice
 from pkm_core.errors import PkmError
-from pkm_core.learning.monitor import Monitor
+from pkm_core.learning.monitor import LEARNED, Monitor
 from pkm_core.motion.metrics import AxisMetrics, axis_metrics
 from pkm_core.plant.laser import Laser, LaserSamples
 from pkm_core.plant.plant import Plant
@@ -29,7 +30,7 @@ class CycleRecords:
     voltage: np.ndarray  # (cycles, N, n) [V]
     feedforward: np.ndarray  # (cycles, N, n) [V] the learned part, before the filters
     metrics: tuple[tuple[AxisMetrics, ...], ...]  # [cycle][joint]
-    notices: tuple[str, ...]  # messages of the learning monitors, in order
+    notices: tuple[str, ...]  # of saturated drives and of the learning monitors, in order
     laser: tuple[LaserSamples, ...]  # [cycle] of the end point; empty without a laser
 
     def metric(self, name):
@@ -77,7 +78,7 @@ def run_cycles(
     plant = Plant(machine, seed, environment)
     controller = make_controller(machine, gains) if controller is None else controller
     records = _empty_records(machine, cycles, trajectory, start)
-    learning = None if law is None else _Learning(machine, law.with_reference(trajectory))
+    learning = None if law is None else _Learning(machine, law.with_reference(trajectory), given=start is not None)
     watch = Laser(machine, seed, environment) if laser else None
     if watch:
         watch.zero(0, plant.truth)
@@ -97,6 +98,7 @@ def run_cycles(
             seen.append(watch.read())
         moves = trajectory.move_starts, trajectory.move_ends, machine.sample_time
         metrics.append(tuple(axis_metrics(axis_error, *moves) for axis_error in error.T))
+        notices += [f'cycle {cycle + 1}: {message}' for message in _saturated(machine, records.voltage[cycle])]
         if learning is not None and cycle + 1 < cycles:
             records.feedforward[cycle + 1], messages = learning.after_cycle(error, feedforward)
             notices += [f'cycle {cycle + 1}: {message}' for message in messages]
@@ -112,12 +114,26 @@ def _empty_records(machine, cycles, trajectory, start):
     return CycleRecords(machine.joints, error, np.zeros(shape, dtype=np.int64), voltage, feedforward, (), (), ())
 
 
-class _Learning:
-    """A law and one `Monitor` per joint, between two cycles."""
+def _saturated(machine, voltage):
+    """Yield the notice of every joint whose command (N,) of `voltage` (N, n) was at its limit."""
+    at_limit = np.count_nonzero(np.abs(voltage) >= machine.voltage_limit, axis=0)
+    for joint, samples in zip(machine.joints, at_limit.tolist(), strict=True):
+        if samples:
+            yield saturation_notice(joint, samples, len(voltage), machine.voltage_limit)
 
-    def __init__(self, machine, law):
+
+class _Learning:
+    """
+    A law and one `Monitor` per joint, between two cycles.
+
+    A `given` feedforward was learned in steady repetition. The first cycle after power-up differs by its friction,
+    which does not repeat: nothing is learned from it.
+    """
+
+    def __init__(self, machine, law, *, given):
         self._joints, self._sample_time, self._law = machine.joints, machine.sample_time, law
-        self._monitors = [Monitor(joint) for joint in machine.joints]
+        self._monitors = [Monitor(joint, LEARNED if given else 0) for joint in machine.joints]
+        self._is_one_off = given
 
     def after_cycle(self, error, feedforward):
         """
@@ -125,6 +141,9 @@ class _Learning:
 
         `error` [m] and `feedforward` [V] are those of the cycle, (N, n), and so is the feedforward returned.
         """
+        if self._is_one_off:
+            self._is_one_off = False
+            return feedforward, []
         following, messages = np.empty_like(feedforward), []
         for axis, (joint, monitor) in enumerate(zip(self._joints, self._monitors, strict=True)):
             decision = monitor.observe(error[:, axis], feedforward[:, axis])
