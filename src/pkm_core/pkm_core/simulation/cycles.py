@@ -126,14 +126,14 @@ class _Learning:
     """
     A law and one `Monitor` per joint, between two cycles.
 
-    A `given` feedforward was learned in steady repetition. The first cycle after power-up differs by its friction,
-    which does not repeat: nothing is learned from it.
+    The first cycle after power-up differs by its friction, which does not repeat. Nothing is learned from it under a
+    `given` feedforward, learned in steady repetition, or with identified forces, which leave little but that friction.
     """
 
     def __init__(self, machine, law, *, given):
         self._joints, self._sample_time, self._law = machine.joints, machine.sample_time, law
         self._monitors = [Monitor(joint, LEARNED if given else 0) for joint in machine.joints]
-        self._is_one_off = given
+        self._one_offs = {joint for joint in machine.joints if given or law.models[joint].forces is not None}
 
     def after_cycle(self, error, feedforward):
         """
@@ -141,11 +141,11 @@ class _Learning:
 
         `error` [m] and `feedforward` [V] are those of the cycle, (N, n), and so is the feedforward returned.
         """
-        if self._is_one_off:
-            self._is_one_off = False
-            return feedforward, []
         following, messages = np.empty_like(feedforward), []
         for axis, (joint, monitor) in enumerate(zip(self._joints, self._monitors, strict=True)):
+            if joint in self._one_offs:
+                following[:, axis] = feedforward[:, axis]
+                continue
             decision = monitor.observe(error[:, axis], feedforward[:, axis])
             learned = decision.feedforward
             if decision.learn:
@@ -153,6 +153,7 @@ class _Learning:
             if decision.message:
                 messages.append(decision.message)
             following[:, axis] = learned
+        self._one_offs = set()
         return following, messages
 
 

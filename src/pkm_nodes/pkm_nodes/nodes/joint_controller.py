@@ -117,7 +117,7 @@ class JointControllerNode(PkmNode):
         self._excited = self._excitation.begin(loaded.message, self._model, self._gains.gains, *axis[:3])
         given = loaded.feedforward
         given = None if given is None else np.ascontiguousarray(given[:, self._column])
-        self._learning.begin(loaded.message, axis[0], given)
+        self._learning.begin(loaded.message, axis[0], given, forces=self._model.forces is not None)
         self._feedforward = self._learning.feedforward
         self._errors = loaded.errors[:, 0]
         coupling = coupling_voltage(self._machine, loaded.trajectory, self._column)

@@ -62,13 +62,14 @@ class AxisLearning:
         """Note that the next cycle starts from rest; nothing is learned from it, because its friction differs."""
         self._starts = True
 
-    def begin(self, message, reference, given):
+    def begin(self, message, reference, given, *, forces):
         """
         Prepare for the cycle of a joint_trajectory message.
 
         The feedforward is kept if motion, law and `reference` (N,) [m] are those of the previous cycle and no
         feedforward is `given` (N,) [V]. Otherwise it is `given`, or zero. Nothing is learned from the first cycle under
-        a `given` feedforward, or from a cycle after a safe stop: their friction is that of another start.
+        a `given` feedforward, from a cycle after a safe stop or, if the model has `forces`, after power-up: their
+        friction is that of another start.
         """
         learned_for = (message.motion, message.learning_law, reference.tobytes())
         if learned_for != self._learned_for or given is not None:
@@ -76,7 +77,7 @@ class AxisLearning:
             self.feedforward = np.zeros(len(reference)) if given is None else given
             self.notice = ''
             self.renew(0 if given is None else LEARNED)
-        self._is_one_off = given is not None or (self._starts and bool(self.feedforward.any()))
+        self._is_one_off = given is not None or (self._starts and (forces or bool(self.feedforward.any())))
         self._starts = False
 
     def is_under_way(self):
