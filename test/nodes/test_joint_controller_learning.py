@@ -8,6 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.task import Future
 
+from pkm_core.learning.monitor import LEARNED
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import UpdateFeedforward
 from pkm_nodes.nodes.joint_controller import JointControllerNode
@@ -174,12 +175,14 @@ def test_feedforward_of_the_trajectory_is_applied_and_learned(graph, axis, learn
     message.feedforward = array('d', given.tobytes())
     axis.send(message)
     graph.next_event(CycleEvent.LOADED, cycle=1)
-    assert feedforward_of(axis.run(1)) == list(given[:, axis.column])
-    axis.load(2, learning_law='fourier')
-    assert feedforward_of(axis.run(2)) == [3.0] * SAMPLES
+    for cycle in (1, 2):  # nothing is learned from cycle 1: its friction starts at rest
+        assert feedforward_of(axis.run(cycle)) == list(given[:, axis.column])
+        axis.load(cycle + 1, learning_law='fourier')
+    assert feedforward_of(axis.run(3)) == [3.0] * SAMPLES
     graph.spin_until(lambda: len(learning.requests) == 2, 'two requests')
     assert list(learning.requests[0].feedforward) == list(given[:, axis.column])
-    assert [request.cycle for request in learning.requests] == [1, 2]
+    assert [request.cycle for request in learning.requests] == [2, 3]
+    assert [request.iteration for request in learning.requests] == [LEARNED, LEARNED + 1]
 
 
 @pytest.mark.parametrize(
@@ -195,3 +198,14 @@ def test_invalid_feedforward_is_refused(graph, axis, feedforward, text):
     message.feedforward = array('d', feedforward)
     axis.send(message)
     assert text in graph.next_event(CycleEvent.REFUSED, cycle=1).message
+
+
+def test_command_at_its_limit_is_noticed(graph, axis, machine):
+    """Without a law too; the event counts the samples of the cycle."""
+    graph.start(JointControllerNode, joint='d3')
+    axis.load(1)
+    commands = axis.run(1, lambda index: 5e-3 if 10 <= index < 13 else 0.0)  # [m]: 20 V
+    limited = sum(abs(command.voltage) == machine.voltage_limit for command in commands)
+    assert limited > 0
+    notice = graph.next_event(CycleEvent.NOTICE, cycle=1)
+    assert f'd3: {limited} of {SAMPLES} samples at the limit of 10 V' in notice.message

@@ -8,10 +8,12 @@ import pytest
 from std_srvs.srv import Trigger
 
 from pkm_core.config import Configuration
+from pkm_core.control.forces import coupling_voltage
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
 from pkm_core.machines import load_machine
 from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand, SampledTrajectory
+from pkm_nodes.messages.conversions import trajectory_from_msg
 from pkm_nodes.nodes.joint_controller import JointControllerNode
 from pkm_nodes.nodes.learning import LearningNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
@@ -63,6 +65,30 @@ def test_reload_applies_the_present_model_and_gains(graph, configured, config, j
         samples.publish(EncoderSample(tick=index, cycle=1, index=index, position=reference - 1e-6))
         graph.spin_until(lambda: commands, 'a command')
         assert commands.pop().voltage == law.update(index, reference - 1e-6)[0]
+
+
+def test_reload_applies_identified_forces(graph, configured, config, joint_trajectory):
+    """The commands are those of the core, with the coupling of the other joints' motion."""
+    graph.start(JointControllerNode, joint='d3')
+    file = config / 'model' / 'four_dof.yaml'
+    forces = 'forces: {coulomb: 0.05 V, slip: 10 um, coupling: 1, cogging_sine: 5 mV}'
+    file.write_text(file.read_text().replace('  d5:\n', f'    {forces}\n  d5:\n'))
+    answer = graph.call(Trigger, 'd3/reload')
+    assert answer.success, answer.message
+    gains, model = load_control(configured)['d3'], load_model(configured)['d3']
+    law = RobustController(gains, model, configured.sample_time, configured.voltage_limit)
+    message = joint_trajectory(1)
+    trajectory = trajectory_from_msg(message, coordinates=configured.joints, sample_time=configured.sample_time)
+    rows = [values[:, COLUMN] for values in trajectory.derivatives()]
+    law.load(*rows, np.zeros(len(rows[0])), coupling_voltage(configured, trajectory, COLUMN))
+    commands = graph.listen(MotorCommand, 'd3/command')
+    samples = graph.publisher(EncoderSample, 'd3/encoder')
+    graph.publisher(SampledTrajectory, 'joint_trajectory').publish(message)
+    graph.next_event(CycleEvent.LOADED, cycle=1)
+    for index, reference in enumerate(rows[0]):
+        samples.publish(EncoderSample(tick=index, cycle=1, index=index, position=reference))
+        graph.spin_until(lambda: commands, 'a command')
+        assert commands.pop().voltage == law.update(index, reference)[0]
 
 
 def test_reload_of_gains_without_margin_keeps_the_old_gains(graph, config):

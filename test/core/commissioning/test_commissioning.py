@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from pkm_core.commissioning.acceptance import excess, friction_error
 from pkm_core.commissioning.config_copy import copy_config
 from pkm_core.commissioning.measured import MeasuredResponse, check_measured
 from pkm_core.commissioning.procedure import Calibrated, Identified, commission
@@ -12,7 +13,7 @@ from pkm_core.commissioning.report import candidate_table, end_point_table, erro
 from pkm_core.commissioning.simulated_bench import SimulatedBench
 from pkm_core.config import Configuration
 from pkm_core.control.margins import perturbed_models, stability_margins, unit_circle
-from pkm_core.control.model import load_model
+from pkm_core.control.model import Forces, load_model
 from pkm_core.control.robust import load_control
 from pkm_core.control.systems import plant_system
 from pkm_core.design.pose_plan import spread_poses
@@ -150,6 +151,31 @@ def test_old_files_are_restored_when_the_acceptance_move_fails(planar, place, sm
     assert bench.moves[-1] == ('restored', 1, 'none')  # nothing is learned
     assert 'not kept' in verdict(outcome)[0]
     assert [row[3] for row in error_table(planar, outcome).rows] == ['50.0', '50.0']
+
+
+def cycle_of(*errors):
+    """Return the metrics of a cycle with these errors [um], one per joint."""
+    return [AxisMetrics(error * UM, 0.0, np.nan, 0.0) for error in errors]
+
+
+def test_axis_worse_than_found_is_not_accepted(planar):
+    gains, models = load_control(planar), load_model(planar)
+    reasons = excess(planar, cycle_of(18, 18), cycle_of(26, 19.5), 50 * UM, gains, models)
+    assert reasons == ['d1: error of the acceptance move 26.0 um; 18.0 um as found']
+
+
+def test_error_of_friction_alone_is_accepted(planar):
+    """The error after a reversal of 1 N is added to the limit: 28 um on d1."""
+    forces = Forces(coulomb=1.0 / planar.thrust_per_volt, slip=10e-6, coupling=1.0)
+    gains = load_control(planar)
+    models = {joint: model.model_copy(update={'forces': forces}) for joint, model in load_model(planar).items()}
+    assert friction_error(gains['d1'], load_model(planar)['d1'], planar.sample_time) == 0.0
+    assert friction_error(gains['d1'], models['d1'], planar.sample_time) == pytest.approx(28 * UM, rel=0.05)
+    assert excess(planar, cycle_of(60, 60), cycle_of(52, 52), 50 * UM, gains, models) == []
+    reasons = excess(planar, cycle_of(60, 60), cycle_of(95, 52), 50 * UM, gains, models)
+    assert len(reasons) == 1
+    assert 'd1: error of the acceptance move 95.0 um; allowed 7' in reasons[0]
+    assert 'um of it for friction' in reasons[0]
 
 
 def test_fault_under_new_gains_restores_the_old_gains(planar, place, small, tmp_path):

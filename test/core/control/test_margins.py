@@ -21,7 +21,7 @@ from pkm_core.control.margins import (
     unit_circle,
     worst_margins,
 )
-from pkm_core.control.model import load_model
+from pkm_core.control.model import Forces, load_model
 from pkm_core.control.robust import RobustGains, load_control
 from pkm_core.control.systems import open_loop, plant_system
 from pkm_core.errors import PkmError
@@ -271,3 +271,12 @@ def test_margins_verb_writes_figures_and_pictures(tmp_path):
     limits = figures['natural_frequency_limits_Hz']['x']
     assert limits['with modes']['stable'] < limits['rigid']['stable']
     assert {path.name for path in tmp_path.glob('*.png')} == {'margins_x.png', 'margins_y.png', 'torque_limits.png'}
+
+
+def test_guide_at_rest_is_among_the_perturbed_models():
+    """Without identified friction the figures do not change; a slow stiff loop loses phase on the spring."""
+    gains, model = axis('planar', 'd3')
+    known = model.model_copy(update={'forces': Forces(coulomb=0.09, slip=10e-6, coupling=1.0)})
+    assert worst_margins(gains, known, TS).phase_margin < worst_margins(gains, model, TS).phase_margin - 3
+    stuck = plant_system(known, TS, stuck=True)
+    assert float(stuck(np.array([1.0 + 0j]))[0].real) == pytest.approx(10e-6 / 0.09, rel=1e-6)  # its spring [m/V]

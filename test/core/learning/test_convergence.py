@@ -11,6 +11,7 @@ from rich.console import Console
 
 from pkm_core.config import find_config
 from pkm_core.control.margins import perturbed_models, stability_margins, worst_margins
+from pkm_core.control.model import Forces
 from pkm_core.control.robust import load_control
 from pkm_core.errors import LearningError, PkmError
 from pkm_core.learning import law_names, make_law, untested_law
@@ -237,3 +238,24 @@ def test_verb_writes_figures_and_picture(tmp_path, capsys):
 def test_verb_refuses_what_does_not_exist_or_fit(machine, law_name, control, reason):
     with pytest.raises(PkmError, match=reason):
         convergence_verb(machine, law_name, control, None, None)
+
+
+@pytest.mark.parametrize('name', ['inverse', 'norm_optimal', 'basis'])
+def test_band_follows_the_lowest_identified_mode(name):
+    """Modes lower by 15 %, from 194 Hz: with the band of the configuration the laws would be refused."""
+    machine = load_machine('four_dof')
+    given = untested_law(name, machine, load_control(machine))
+    forces = Forces(coulomb=0.05, slip=10e-6, coupling=1.0)
+
+    def lower(model, **changes):
+        shifted = [mode.model_copy(update={key: 0.85 * getattr(mode, key) for key in ('resonance', 'antiresonance')})
+                   for mode in model.modes]  # fmt: skip
+        return model.model_copy(update={'modes': tuple(shifted), **changes})
+
+    shipped = dict(given.models)
+    given.models = {joint: lower(model, forces=forces) for joint, model in shipped.items()}
+    assert given.band('d5').fall_to == pytest.approx(0.85 * given.config.band.fall_to)
+    assert max(convergence(given, joint).worst for joint in given.gains) < 0.9
+    given.models = {joint: lower(model) for joint, model in shipped.items()}
+    with pytest.raises(LearningError, match='would diverge'):
+        checked(name, given)

@@ -1,5 +1,6 @@
 """Learned feedforward on disk: round trip, and refusal of other origins and files."""
 
+import hashlib
 import os
 import zipfile
 from dataclasses import replace
@@ -7,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pkm_core.control.model import load_model
 from pkm_core.control.robust import load_control
 from pkm_core.errors import LearningError
 from pkm_core.learning import store
@@ -148,3 +150,11 @@ def test_feedforward_beyond_the_voltage_limit_is_refused(tmp_path, volts):
     store.save(tmp_path / 'x.npz', store.Learned(ORIGIN, feedforward, {}))
     with pytest.raises(LearningError, match=r'x\.npz: feedforward of .* V; allowed 10 V'):
         first_feedforward(tmp_path / 'x.npz', MACHINE, 'planar_80ms', 'inverse', GAINS, TRAJECTORY)
+
+
+def test_absent_forces_do_not_change_the_design_hash():
+    """Feedforward stored before models had the section `forces` stays valid."""
+    text = [MACHINE.config.model_dump_json()]
+    for kind, of_joints in (('control', GAINS), ('model', load_model(MACHINE))):
+        text += [f'{kind} {joint} {each.model_dump_json(exclude={"forces"})}' for joint, each in of_joints.items()]
+    assert store.design_hash(MACHINE, GAINS) == hashlib.sha256('\n'.join(text).encode()).hexdigest()[:12]

@@ -1,10 +1,12 @@
 """The closed loop without ROS: repeatability, error of robust control, and error after learning."""
 
+import shutil
 from functools import cache
 
 import numpy as np
 import pytest
 
+from pkm_core.config import Configuration
 from pkm_core.control.robust import load_control
 from pkm_core.errors import PkmError
 from pkm_core.learning import make_law
@@ -122,3 +124,29 @@ def test_learning_helps_in_the_hard_environment(name):
     error = dynamic_error(run(name, 'fourier_pid', 20, environment='hard'))
     assert error[8:].mean() < 0.25 * error[0].mean()
     assert error[8:].max() < 12.0
+
+
+def test_first_cycle_under_a_given_feedforward_is_not_learned():
+    """The friction of power-up would be learned at gain 1: 9.0, 9.2, 1.3 um instead of 9.0, 1.0, 0.9."""
+    machine, trajectory, gains = setup('four_dof')
+    learned = run('four_dof', 'inverse', 8).feedforward[-1]
+    records = run_cycles(machine, trajectory, gains, make_law('inverse', machine, gains), 3, 101, start=learned)
+    np.testing.assert_array_equal(records.feedforward[0], learned)
+    np.testing.assert_array_equal(records.feedforward[1], learned)
+    assert (records.feedforward[2] != learned).any()
+    error = dynamic_error(records).max(axis=1)
+    assert error[0] > 5.0
+    assert error[1:].max() < 2.5
+
+
+def test_first_cycle_with_identified_forces_is_not_learned(tmp_path):
+    machine, trajectory, gains = setup('planar')
+    shutil.copytree(machine.configuration.folder, tmp_path / 'config')
+    file, forces = tmp_path / 'config/model/planar.yaml', 'forces: {coulomb: 45 mV, slip: 10 um, coupling: 1}'
+    head, tail = file.read_text().split('  d3:\n')
+    file.write_text(f'{head}    {forces}\n  d3:\n{tail}')
+    known = machine.with_configuration(Configuration(tmp_path / 'config'))
+    records = run_cycles(known, trajectory, gains, make_law('inverse', known, gains), 3, 1)
+    assert not records.feedforward[:2, :, 0].any()  # d1
+    assert records.feedforward[2, :, 0].any()
+    assert records.feedforward[1, :, 1].any()  # d3 has no forces in its model

@@ -13,6 +13,7 @@ nodes. A bench has
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pkm_core.commissioning.acceptance import excess
 from pkm_core.commissioning.candidates import Candidate, candidates
 from pkm_core.commissioning.measured import MeasuredResponse, check_measured
 from pkm_core.control.margins import Margins
@@ -90,7 +91,8 @@ def commission(machine, bench, place, config, *, law, cycles, limit, seed, execu
     cycles : int
         Number of cycles of learning.
     limit : float
-        Largest allowed dynamic error [m] of any axis in the acceptance move, without learned feedforward.
+        Largest allowed dynamic error [m] of any axis in the acceptance move, without learned feedforward; the error
+        that friction alone explains is added. No axis may be worse than as found.
     seed : int
         Seed of the search.
     executor : concurrent.futures.Executor
@@ -120,7 +122,8 @@ def commission(machine, bench, place, config, *, law, cycles, limit, seed, execu
             bench.start('tuned')
             on_step('acceptance move', 0.0)
             outcome.tuned = bench.move(1, 'none', on_step)
-            outcome.reasons = _excess(machine, outcome.tuned[0], limit)
+            accepted = load_control(machine)
+            outcome.reasons = excess(machine, outcome.as_found[0], outcome.tuned[0], limit, accepted, outcome.models)
     except PkmError as error:
         outcome.reasons.append(str(error))
     if outcome.reasons:
@@ -171,12 +174,3 @@ def _design(machine, outcome, place, config, gains, seed, executor, folder, on_s
         )
         outcome.reasons += reasons
     return folder / f'{machine.name}.yaml'
-
-
-def _excess(machine, metrics, limit):
-    """Return one text per axis whose dynamic error in a cycle is above `limit` [m]."""
-    return [
-        f'{joint}: error of the acceptance move {1e6 * axis.max_dynamic_error:.1f} um; allowed {1e6 * limit:g} um'
-        for joint, axis in zip(machine.joints, metrics, strict=True)
-        if not axis.max_dynamic_error <= limit
-    ]

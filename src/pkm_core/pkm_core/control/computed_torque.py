@@ -21,6 +21,7 @@ from numba import njit
 from pydantic import Field
 
 from pkm_core.config import Config, Frequency, Number, load_config
+from pkm_core.control.feasibility import drive_check
 from pkm_core.control.margins import require_stable
 from pkm_core.control.model import in_joint_order, load_model
 from pkm_core.control.pid import Pid
@@ -97,7 +98,7 @@ class ComputedTorque:
     """
 
     def __init__(self, machine, gains, models):
-        self._machine = machine
+        self._machine, self._check = machine, drive_check(machine, models)
         kp, ki, kd = np.array([axis.error_gains() for axis in gains.values()]).T
         mass = machine.thrust_per_volt / np.array([model.gain for model in models.values()])
         viscous = mass * [model.viscosity for model in models.values()]
@@ -118,7 +119,11 @@ class ComputedTorque:
         self._samples = 0
 
     def load(self, trajectory, learned):
-        """Load the joint trajectory of one cycle and its learned voltage (N, n) [V], which is added to u."""
+        """
+        Load the joint trajectory of one cycle and its learned voltage (N, n) [V], which is added to u.
+
+        `PkmError` if shapes differ or a value is not finite, or a drive cannot follow it by its model.
+        """
         learned = np.array(learned, dtype=np.float64)
         if trajectory.coordinates != self._machine.joints or learned.shape != trajectory.position.shape:
             raise PkmError(
@@ -127,6 +132,7 @@ class ComputedTorque:
             )
         if not np.isfinite(learned).all():
             raise PkmError(f'cycle: learned is not finite at sample {np.argwhere(~np.isfinite(learned))[0][0]}')
+        self._check(trajectory)
         position, velocity, acceleration, jerk = trajectory.derivatives()
         self._samples, self._position, self._learned = len(trajectory), position, learned
         self._velocity, self._acceleration = velocity + self._delay * acceleration, acceleration + self._delay * jerk

@@ -10,6 +10,8 @@ import numpy as np
 from pkm_core.config import read_yaml
 from pkm_core.config_errors import short
 from pkm_core.control.computed_torque import ComputedTorque, TorqueGains, load_torque_control
+from pkm_core.control.feasibility import drive_check
+from pkm_core.control.forces import coupling_voltage
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController, load_control
 from pkm_core.errors import ConfigError
@@ -21,6 +23,7 @@ class JointControllers:
     """One independent `RobustController` per joint."""
 
     def __init__(self, machine, gains, models):
+        self._machine, self._check = machine, drive_check(machine, models)
         self.axes = [
             RobustController(gains[joint], models[joint], machine.sample_time, machine.voltage_limit)
             for joint in machine.joints
@@ -32,9 +35,11 @@ class JointControllers:
             axis.reset()
 
     def load(self, trajectory, learned):
-        """Load a cycle, see `RobustController.load`."""
+        """Load a cycle, see `RobustController.load`; `TrajectoryError` if a drive cannot follow it by its model."""
+        self._check(trajectory)
         for column, axis in enumerate(self.axes):
-            axis.load(*(rows[:, column] for rows in trajectory.derivatives()), learned[:, column])
+            coupling = coupling_voltage(self._machine, trajectory, column)
+            axis.load(*(rows[:, column] for rows in trajectory.derivatives()), learned[:, column], coupling)
 
     def update(self, index, measured):
         """Return voltages [V] and errors [m], (n,) each, see `RobustController.update`."""

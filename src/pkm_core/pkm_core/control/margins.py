@@ -1,15 +1,16 @@
 """Stability margins of one axis, (7.26)-(7.29): of its model, of perturbed models, and of a measured response."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 
 import numpy as np
 
 from pkm_core.control.nyquist import FIGURES, loop_figures
-from pkm_core.control.systems import open_loop, plant_system
+from pkm_core.control.systems import control_system, open_loop, plant_system
 from pkm_core.errors import PkmError
 
 GAIN_SPREAD = (1.0, 0.8, 1.2)  # payload, drive and identification
+_OF_MOTION = ('gain_reduction', 'crossover', 'bandwidth', 'bandwidth_3db', 'tracking_bandwidth')  # of a moving axis
 RESONANCE_SPREAD = (1.0, 0.95, 1.05)  # over the workspace
 
 
@@ -99,8 +100,13 @@ def perturbed_models(model, gains=GAIN_SPREAD):
     ]
 
 
+def is_guide_known(model):
+    """Return whether the model has identified friction, and with it the spring of a guide at rest."""
+    return model.forces is not None and model.forces.coulomb > 0
+
+
 def worst_margins(gains, model, sample_time):
-    """Return the `Margins` with each figure the worst over `perturbed_models`."""
+    """Return the `Margins` with each figure the worst over `perturbed_models` and, with `forces`, the stuck guide."""
     frequency = design_grid(sample_time)
     z = unit_circle(frequency, sample_time)
     controller, found = gains.response(z, sample_time), []
@@ -109,6 +115,14 @@ def worst_margins(gains, model, sample_time):
         for gain in GAIN_SPREAD:
             pole = _slowest_pole(gains, shape.model_copy(update={'gain': gain * model.gain}), sample_time)
             found.append(_margins(frequency, gain * loop, pole))
+    if is_guide_known(model):
+        plant = plant_system(model, sample_time, stuck=True)
+        law, response = control_system(gains, sample_time), plant(z)
+        for gain in GAIN_SPREAD:
+            poles = law.then(replace(plant, C=gain * plant.C)).closed_loop_poles()
+            stuck = _margins(frequency, gain * controller * response, float(np.abs(poles).max()))
+            # crossover and bandwidth are those of a moving axis: on its spring the axis follows the integrator
+            found.append(replace(stuck, **{name: getattr(found[0], name) for name in _OF_MOTION}))
     highest = ('peak_sensitivity', 'slowest_pole')
     return Margins(**{
         field.name: float((np.max if field.name in highest else np.min)([getattr(each, field.name) for each in found]))

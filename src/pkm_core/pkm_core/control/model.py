@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from pkm_core.config import Config, Frequency, Number, load_config, quantity
+from pkm_core.config import Config, Frequency, Length, Number, Voltage, load_config, quantity
 from pkm_core.errors import ConfigError
 
 
@@ -27,6 +27,25 @@ class Mode(Config):
         return (resonance - self.antiresonance_damping / self.antiresonance) / np.pi
 
 
+class Forces(Config):
+    """
+    Forces on a slider that K/(s (s + a)) does not include, as the drive voltage that balances them.
+
+    Friction is ``coulomb`` z, z from -1 to 1 by the model of Dahl over the distance ``slip``. With A = 2 pi x/``pitch``
+    the thrust is u (1 + ``ripple_sine`` sin A + ``ripple_cosine`` cos A) + ``cogging_sine`` sin 2A + ``cogging_cosine``
+    cos 2A. The coupling is that of the nominal design's M, C and G.
+    """
+
+    coulomb: Annotated[Voltage, Field(ge=0, description='friction of a sliding guide')]
+    slip: Annotated[Length, Field(gt=0, description='travel over which friction reverses, to 1/e')]
+    coupling: Annotated[Number, Field(ge=0, le=2, description="share of the design's coupling forces; 0: none")]
+    pitch: Annotated[Length, Field(gt=0, description='of the magnets: one electrical turn')] = 30e-3
+    ripple_sine: Annotated[Number, Field(gt=-0.3, lt=0.3, description='of the thrust, once per pitch')] = 0.0
+    ripple_cosine: Annotated[Number, Field(gt=-0.3, lt=0.3, description='of the thrust, once per pitch')] = 0.0
+    cogging_sine: Annotated[Voltage, Field(gt=-1, lt=1, description='thrust without current, twice per pitch')] = 0.0
+    cogging_cosine: Annotated[Voltage, Field(gt=-1, lt=1, description='thrust without current, twice per pitch')] = 0.0
+
+
 class AxisModel(Config):
     """Drive voltage [V] to slider position [m] of one axis."""
 
@@ -34,6 +53,7 @@ class AxisModel(Config):
     viscosity: Annotated[quantity('1/s'), Field(ge=0, description='a')]
     current_loop: Annotated[Frequency, Field(gt=0, description='corner of the first-order current loop (6.3)')]
     modes: tuple[Mode, ...]
+    forces: Annotated[Forces | None, Field(description='for the feedforward; absent: (7.24) alone')] = None
 
     def low_frequency_delay(self):
         """Return the delay [s] of slow signals from voltage to position, without sampling."""

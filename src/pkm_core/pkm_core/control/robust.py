@@ -6,8 +6,9 @@ The robust controller of one axis, thesis (7.21)-(7.25), evaluated once per enco
     uf = Kv v + Ka a + Kj j + learned
     u = FL FN (uc + uf), saturated at +-limit
 
-The feedforward passes the filters; Kv, Ka, Kj include their gain at rest. Anti-windup: the integrator is frozen while
-u is saturated and e would drive it further.
+The feedforward passes the filters; Kv, Ka, Kj include their gain at rest. A model with `forces` adds the feedforward of
+forces.py, computed when a cycle is loaded. Anti-windup: the integrator is frozen while u is saturated and e would drive
+it further.
 """
 
 import math
@@ -19,6 +20,7 @@ from pydantic import Field
 
 from pkm_core.config import Config, Time, load_config, quantity
 from pkm_core.control import filters
+from pkm_core.control.forces import CycleForces, feedforward
 from pkm_core.control.margins import require_stable
 from pkm_core.control.model import in_joint_order, load_model
 from pkm_core.control.pid import PidLaw
@@ -95,6 +97,8 @@ def step(index, measured, reference, feedforward, parameters, state):
         state[s + 1] = parameters[b + 2] * signal - parameters[b + 4] * output
         signal = output
     voltage = min(max(signal, -limit), limit)
+    if voltage != signal:
+        state[7] += 1.0
     if voltage == signal or error * signal <= 0.0:
         state[0] = integral
     state[1] = derivative
@@ -126,7 +130,7 @@ class RobustController:
     def __init__(self, gains, model, sample_time, voltage_limit):
         self._model, self._sample_time, self._voltage_limit = model, sample_time, voltage_limit
         self._take(gains)
-        self._state = np.empty(7)  # integral, derivative, previous error, lag (2), notch (2)
+        self._state = np.empty(8)  # integral, derivative, previous error, lag (2), notch (2), samples at the limit
         self.reset()
         # numba compiles or loads its cache at the first call: here, not in the first tick
         step(0, 0.0, np.zeros(1), np.zeros(1), self._parameters, self._state.copy())
@@ -148,11 +152,16 @@ class RobustController:
         self._state[2] = np.nan  # no previous error: the first difference is zero
         self._samples = self._next = 0
         self._reference = self._feedforward = np.empty(0)
+        self._after = 0.0  # [V] the feedforward if it continued after the last sample
+        self._friction = 0.0  # z of forces.py after the loaded cycle
         self._motion: tuple = ()
+        self._forces = CycleForces(*np.empty((4, 0)), self._friction)
 
-    def load(self, position, velocity, acceleration, jerk, learned):
+    def load(self, position, velocity, acceleration, jerk, learned, coupling=None):
         """
         Load the reference of one cycle [m, m/s, m/s^2, m/s^3] and its learned feedforward [V], each of shape (N,).
+
+        `coupling` (N,) [V] is that of `coupling_voltage`; only a model with `forces` uses it.
 
         Raises
         ------
@@ -168,16 +177,31 @@ class RobustController:
             if not np.isfinite(row).all():
                 index = int(np.argmin(np.isfinite(row)))
                 raise PkmError(f'cycle: {name} is {row[index]} at sample {index}; expected a finite number')
-        self._motion = tuple(rows[1:])
-        feedforward = self._sum_feedforward()
-        # cycles repeat: after its last sample the old feedforward would continue with its first one
-        self._state[0] += (self._feedforward[0] if self._samples else 0.0) - feedforward[0]
-        self._samples, self._next, self._reference, self._feedforward = samples, 0, rows[0], feedforward
+        self._motion, before = tuple(rows[1:]), self._after
+        coupling = np.zeros(samples) if coupling is None else coupling
+        self._forces = CycleForces(rows[0], rows[1], rows[2], coupling, self._friction)
+        self._feedforward = self._sum_feedforward()
+        self._state[0] += before - self._feedforward[0]
+        self._samples, self._next, self._reference = samples, 0, rows[0]
+        self._state[7] = 0.0
 
     def _sum_feedforward(self):
+        """Return the feedforward (N,) [V] of the loaded cycle, and store its continuation after the cycle."""
         velocity, acceleration, jerk, learned = self._motion
         kv, ka, kj = self.feedforward_gains
-        return kv * velocity + ka * acceleration + kj * jerk + learned
+        plain = kv * velocity + ka * acceleration + kj * jerk
+        whole = plain + learned
+        self._after = whole[0]  # cycles repeat: after its last sample the feedforward continues with its first one
+        if self._model.forces is not None:
+            added = feedforward(self._forces, plain, self.gains, self._model, self._sample_time)
+            self._friction = self._forces.friction(self._model)[-1]
+            self._after += added[-1]
+            whole += added[:-1]
+        return whole
+
+    def _feedforward_at(self, index):
+        """Return the feedforward [V] of sample `index`, up to the one after the last."""
+        return self._feedforward[index] if index < self._samples else self._after
 
     def exchange(self, gains, model=None):
         """
@@ -195,13 +219,14 @@ class RobustController:
         model = self._model if model is None else model
         require_stable('new gains', gains, model, self._sample_time)
         self._model = model
-        old_gains, old, old_feedforward = self.gains, self._parameters, self._feedforward
+        old_gains, old = self.gains, self._parameters
         self._take(gains)
         new, state = self._parameters, self._state
         before = after = 0.0
         if self._samples:
+            before = self._feedforward_at(self._next)
             self._feedforward = self._sum_feedforward()
-            before, after = (rows[self._next % self._samples] for rows in (old_feedforward, self._feedforward))
+            after = self._feedforward_at(self._next)
         error = 0.0 if math.isnan(state[2]) else state[2]
         signal = (old[0] + old[1]) * error + state[0] + old[3] * state[1] + before
         wanted = signal * old_gains.lag.dc_gain / gains.lag.dc_gain
@@ -212,6 +237,11 @@ class RobustController:
             b, s = slice(5 + 5 * begin, 10 + 5 * begin), slice(3 + 2 * begin, 5 + 2 * begin)
             outputs, state[s] = _matching_stage(old[b], new[b], state[s], outputs, inputs)
             inputs = outputs
+
+    @property
+    def saturated(self):
+        """The number of samples of the loaded cycle whose voltage was limited."""
+        return int(self._state[7])
 
     def compiled(self):
         """Return reference, feedforward, parameters and state for a compiled loop that calls `step` on all samples."""

@@ -65,11 +65,16 @@ class System:
         return control.ss(self.A, self.B, self.C, self.D, sample_time)
 
 
-def plant_system(model, sample_time):
-    """Return z^-1 ZOH{P}, voltage [V] to position [m] of an `AxisModel`; z^-1 is the computation delay."""
+def plant_system(model, sample_time, *, stuck=False):
+    """
+    Return z^-1 ZOH{P}, voltage [V] to position [m] of an `AxisModel`; z^-1 is the computation delay.
+
+    `stuck`: with a guide at rest, which is a spring; the model needs `forces`.
+    """
+    spring = model.gain * model.forces.coulomb / model.forces.slip if stuck else 0
     corner = 2 * np.pi * model.current_loop
     plant = System.of([[-corner]], [corner], [1])
-    plant = plant.then(System.of([[0, 1], [0, -model.viscosity]], [0, model.gain], [1, 0]))
+    plant = plant.then(System.of([[0, 1], [-spring, -model.viscosity]], [0, model.gain], [1, 0]))
     for mode in model.modes:
         plant = plant.then(_mode_section(mode))
     return plant.sampled(sample_time).then(System.of([[0]], [1], [1]))
@@ -77,11 +82,16 @@ def plant_system(model, sample_time):
 
 def open_loop(gains, model, sample_time):
     """Return L = PID FL FN z^-1 ZOH{P} of a `PidLaw` and an `AxisModel`, error [m] to position [m]."""
-    loop = _pid_system(gains, sample_time)
+    return control_system(gains, sample_time).then(plant_system(model, sample_time))
+
+
+def control_system(gains, sample_time):
+    """Return PID FL FN of a `PidLaw`, error [m] to voltage [V]."""
+    control = _pid_system(gains, sample_time)
     for stage in gains.stages:
         b0, b1, b2, a1, a2 = stage.discrete(sample_time)
-        loop = loop.then(System.of([[-a1, -a2], [1, 0]], [1, 0], [b1 - a1 * b0, b2 - a2 * b0], b0))
-    return loop.then(plant_system(model, sample_time))
+        control = control.then(System.of([[-a1, -a2], [1, 0]], [1, 0], [b1 - a1 * b0, b2 - a2 * b0], b0))
+    return control
 
 
 def _pid_system(gains, sample_time):

@@ -10,6 +10,7 @@ from pkm_core.control.model import AxisModel, Mode
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.axis_data import AxisData, joint_number
 from pkm_core.identification.coupling import coupling_factor
+from pkm_core.identification.forces_fit import ForcesFit, fit_forces
 from pkm_core.identification.frequency_fit import (
     MISFIT,
     HighFrequencyFit,
@@ -45,6 +46,7 @@ class AxisIdentification:
     high_percent: float  # lowest fit of a held-out response [%]; nan with a single response
     lowest: int | None  # index of the response with the lowest initial gain, the design case of the thesis (7.3.2)
     warnings: tuple[str, ...]
+    forces: ForcesFit | None = None  # of `identify_joint`, if it has moves in both directions
 
     def model(self, current_loop):
         """
@@ -60,7 +62,13 @@ class AxisIdentification:
         names = ('resonance', 'resonance_damping', 'antiresonance', 'antiresonance_damping')
         try:
             modes = tuple(Mode(**dict(zip(names, row, strict=True))) for row in rows)
-            return AxisModel(gain=self.low.gain, viscosity=self.low.viscosity, current_loop=current_loop, modes=modes)
+            return AxisModel(
+                gain=self.low.gain,
+                viscosity=self.low.viscosity,
+                current_loop=current_loop,
+                modes=modes,
+                forces=None if self.forces is None else self.forces.forces,
+            )
         except ValidationError as error:
             first = error.errors()[0]
             key = '.'.join(map(str, first['loc']))
@@ -103,7 +111,8 @@ def identify_joint(machine, joint, records, models, gains, *, band=None, modes=N
     responses = [joint_response(machine, joint, record, models, gains, band=band) for record in excited]
     prior = models[joint]
     modes = modes or len(prior.modes) or _MODES
-    return identify_axis(joint, moves, responses, corner=prior.current_loop, delay=LOOP_DELAY, modes=modes)
+    found = identify_axis(joint, moves, responses, corner=prior.current_loop, delay=LOOP_DELAY, modes=modes)
+    return replace(found, forces=fit_forces(moves, found.low, found.low_known))
 
 
 def joint_response(machine, joint, record, models, gains, *, band=None):

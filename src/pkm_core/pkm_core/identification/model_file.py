@@ -33,7 +33,10 @@ def write_model(path, machine, found, believed, origin):
     for joint in machine.joints:
         prior = believed[joint]
         axis = found.get(joint)
-        lines += [f'  {joint}:', *_axis_lines(axis.model(prior.current_loop) if axis else prior, axis)]
+        model = axis.model(prior.current_loop) if axis else prior
+        if model.forces is None:
+            model = model.model_copy(update={'forces': prior.forces})
+        lines += [f'  {joint}:', *_axis_lines(model, axis), *_force_lines(model.forces, axis and axis.forces)]
     path = Path(path)
     try:
         path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
@@ -66,3 +69,17 @@ def _axis_lines(model, axis):
         yield f'        resonance_damping: {mode.resonance_damping:.6g}  # {notes[1]}'
         yield f'        antiresonance: {mode.antiresonance:.7g} Hz  # {notes[2]}'
         yield f'        antiresonance_damping: {mode.antiresonance_damping:.6g}  # {notes[3]}'
+
+
+def _force_lines(forces, fit):
+    """Yield the section `forces`; `fit` is the `ForcesFit` of this identification, if any."""
+    if forces is None:
+        return
+    notes = {name: f'+- {value:.2g}' for name, value in fit.deviations.items()} if fit else {}
+    if fit:
+        notes |= {'slip': 'scanned', 'coupling': 'taken as known: the nominal design'}
+        notes['pitch'] = 'scanned' if 'ripple_sine' in notes else 'not identified, without effect'
+    units = {'coulomb': ' V', 'slip': ' m', 'pitch': ' m', 'cogging_sine': ' V', 'cogging_cosine': ' V'}
+    yield '    forces:  # as the drive voltage that balances them'
+    for name, value in forces:
+        yield f'      {name}: {value:.5g}{units.get(name, "")}  # {notes.get(name, "not identified")}'

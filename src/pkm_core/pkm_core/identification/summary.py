@@ -43,7 +43,7 @@ def as_figures(found):
 
 
 def _axis_figures(axis):
-    low, high = axis.low, axis.high
+    low, high, forces = axis.low, axis.high, axis.forces
     figures = {
         'gain': low.gain,
         'viscosity': low.viscosity,
@@ -57,6 +57,9 @@ def _axis_figures(axis):
         'reference_as_instrument': low.instrument,
         'warnings': list(axis.warnings),
     }
+    if forces is not None:
+        figures['forces'] = forces.forces.model_dump()  # [V], [m], shares; see control/forces.py
+        figures |= {'deviations_forces': forces.deviations, 'residual_forces_m': forces.residual}
     if high is not None:
         figures |= {
             'modes': high.modes,  # rows: resonance [Hz], damping, anti-resonance [Hz], damping

@@ -22,6 +22,12 @@ class Band(Config):
             raise ValueError('expected rise_from < rise_to < fall_from < fall_to')
         return self
 
+    def narrowed(self, share):
+        """Return the band with its fall at `share` of the frequency; itself from 1 on."""
+        if share >= 1:
+            return self
+        return self.model_copy(update={'fall_from': share * self.fall_from, 'fall_to': share * self.fall_to})
+
     def weight(self, frequency):
         """Return the weight at `frequency` [Hz]; 0 at 0 Hz."""
         rise = np.clip((frequency - self.rise_from) / (self.rise_to - self.rise_from), 0, 1)

@@ -81,11 +81,11 @@ class BasisLaw(Law):
 
     def memory(self, joint, frequency):
         """Return 1 within the band, for the bound on convergence of this module."""
-        return (self.config.band.weight(frequency) > 0).astype(float)
+        return (self.band(joint).weight(frequency) > 0).astype(float)
 
     def action(self, joint, frequency):
         """Return 1/G [V/m] within the band."""
-        learned, action = self.config.band.weight(frequency) > 0, np.zeros(frequency.shape, dtype=complex)
+        learned, action = self.band(joint).weight(frequency) > 0, np.zeros(frequency.shape, dtype=complex)
         action[learned] = 1 / self.path(joint, frequency[learned])
         return action
 
@@ -127,7 +127,7 @@ class BasisLaw(Law):
         shapes = forces(machine, model, trajectory, column, self.config.slips, rested=rested)
         samples = len(trajectory)
         frequency = np.fft.rfftfreq(samples, machine.sample_time)
-        weight = self.config.band.weight(frequency)
+        weight = self.band(joint).weight(frequency)
         learned = weight > 0
         f = frequency[learned]
         z, s, gains = unit_circle(f, machine.sample_time), 2j * np.pi * f, self.gains[joint]

@@ -65,7 +65,7 @@ class FourierLaw(FrequencyLaw):
 
     def action(self, joint, frequency):
         """Return HL HN z^advance PID [V/m]; zero where HL is zero."""
-        weight = self.config.band.weight(frequency)
+        weight = self.band(joint).weight(frequency)
         learned, action = weight > 0, np.zeros(frequency.shape, dtype=complex)
         f = frequency[learned]
         z = unit_circle(f, self.machine.sample_time)
@@ -81,7 +81,7 @@ class FourierLaw(FrequencyLaw):
 
     def _loop_delay(self, joint):
         """Return the phase delay [samples] of PID G at half weight, unwrapped from low frequencies."""
-        sample_time, band = self.machine.sample_time, self.config.band
+        sample_time, band = self.machine.sample_time, self.band(joint)
         frequency = np.linspace(0, (band.fall_from + band.fall_to) / 2, 200)[1:]
         answer = self._pid(joint, unit_circle(frequency, sample_time)) * self.path(joint, frequency)
         turns = -np.unwrap(np.angle(answer))[-1] / (2 * np.pi)

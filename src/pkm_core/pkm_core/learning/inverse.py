@@ -25,11 +25,11 @@ class InverseLaw(FrequencyLaw):
 
     def memory(self, joint, frequency):
         """Return Q."""
-        return self.config.band.weight(frequency)
+        return self.band(joint).weight(frequency)
 
     def action(self, joint, frequency):
         """Return Q/G [V/m]; zero where Q is."""
-        weight = self.config.band.weight(frequency)
+        weight = self.band(joint).weight(frequency)
         learned, action = weight > 0, np.zeros(frequency.shape, dtype=complex)
         action[learned] = weight[learned] / self.path(joint, frequency[learned])
         return action

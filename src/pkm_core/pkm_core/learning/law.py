@@ -22,6 +22,7 @@ from pkm_core.errors import LearningError
 from pkm_core.learning.band import Band
 from pkm_core.learning.request import check_request
 
+LOWEST_MODE = 228.0  # [Hz] of the shipped models (4-DOF d5), for which the bands of config/learning were chosen
 EDGE = 5e-3  # [s] averaged at each end of a record; well inside the rest at the cycle boundary
 
 
@@ -62,6 +63,17 @@ class Law(ABC):
         self.config, self.machine, self.gains = config, machine, gains
         self.models = load_model(machine)
         self._minimum = int(np.ceil(1 / (config.band.fall_from * machine.sample_time)))  # a period of full weight
+
+    def band(self, joint):
+        """
+        Return the `Band` of `joint`: that of the law; narrower if a model with `forces` has a mode below 228 Hz.
+
+        Such a model was identified. The bands of the configuration were chosen for the shipped models.
+        """
+        model = self.models[joint]
+        if model.forces is None or not model.modes:
+            return self.config.band
+        return self.config.band.narrowed(min(mode.resonance for mode in model.modes) / LOWEST_MODE)
 
     def with_reference(self, trajectory):
         """Return the law for `trajectory` (a `SampledTrajectory` in joints); this law if it needs no reference."""

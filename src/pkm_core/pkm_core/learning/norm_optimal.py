@@ -36,9 +36,9 @@ class NormOptimalLaw(FrequencyLaw):
 
     def __init__(self, config, machine, gains):
         super().__init__(config, machine, gains)
-        frequency = np.arange(1.0, config.band.fall_to)
         self._change, self._effort = {}, {}
         for joint in gains:
+            frequency = np.arange(1.0, self.band(joint).fall_to)
             self._change[joint] = config.change * np.abs(self.path(joint, frequency)).max() ** 2
             corner = np.array([config.effort])
             self._effort[joint] = float(np.abs(self.path(joint, corner))[0] ** 2 / self._second_difference(corner)[0])
@@ -52,7 +52,7 @@ class NormOptimalLaw(FrequencyLaw):
         return self._solution(joint, frequency)[1]
 
     def _solution(self, joint, frequency):
-        weight = self.config.band.weight(frequency)
+        weight = self.band(joint).weight(frequency)
         learned = weight > 0
         memory, action = np.zeros(frequency.shape), np.zeros(frequency.shape, dtype=complex)
         f, change = frequency[learned], self._change[joint]

@@ -62,7 +62,11 @@ def design_hash(machine, gains):
     """Return 12 hex digits that change with the machine's design, its models or its gains {joint: gains}."""
     joints = {'control': gains, 'model': load_model(machine)}
     config = [machine.config.model_dump_json()]
-    config += [f'{kind} {joint} {each[joint].model_dump_json()}' for kind, each in joints.items() for joint in each]
+    config += [  # a section that a file leaves out does not change the hash
+        f'{kind} {joint} {each[joint].model_dump_json(exclude_none=True)}'
+        for kind, each in joints.items()
+        for joint in each
+    ]
     return _digest('\n'.join(config).encode())
 
 

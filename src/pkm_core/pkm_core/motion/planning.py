@@ -155,9 +155,12 @@ def still_moves(machine, trajectory):
     return f'{machine.name}: nothing moves in {len(still)} of {len(trajectory.move_starts)} moves: {still[:10]}'
 
 
-def plan(machine, motion):
+def plan(machine, motion, check=None):
     """
     Return the pose trajectory of one cycle of `motion`.
+
+    `check(trajectory)` raises a `TrajectoryError` for a trajectory in joints that is refused for another reason than
+    the limits of the machine, such as `drive_check` of pkm_core.control.
 
     Raises
     ------
@@ -172,13 +175,19 @@ def plan(machine, motion):
         raise TrajectoryError(f'motion is for {motion.machine}; the machine is {machine.name}')
     joints = _joint_trajectory(machine, motion)
     try:
-        checked_joints(machine, joints)
+        _check_limits(machine, joints, check)
     except TrajectoryError as error:
-        raise TrajectoryError(f'{error}{_advice(machine, motion)}') from None
+        raise TrajectoryError(f'{error}{_advice(machine, motion, check)}') from None
     return with_derivatives(joints, machine.coordinates, machine.forward(Jet.from_derivatives(*joints.derivatives())))
 
 
-def _advice(machine, motion):
+def _check_limits(machine, joints, check):
+    checked_joints(machine, joints)
+    if check is not None:
+        check(joints)
+
+
+def _advice(machine, motion, check):
     """Return a hint for a motion that is too fast: the shortest move time within the limits of the machine."""
     if motion.limits is not None:
         return ''
@@ -187,7 +196,7 @@ def _advice(machine, motion):
         samples = (shortest + longest) // 2
         try:
             slower = motion.model_copy(update={'move_time': samples * machine.sample_time})
-            checked_joints(machine, _joint_trajectory(machine, slower))
+            _check_limits(machine, _joint_trajectory(machine, slower), check)
             longest = samples
         except TrajectoryError:
             shortest = samples

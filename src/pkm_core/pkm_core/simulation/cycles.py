@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pkm_core.control.controllers import JointControllers, make_controller
+from pkm_core.control.feasibility import saturation_notice
 from pkm_core.errors import PkmError
-from pkm_core.learning.monitor import Monitor
+from pkm_core.learning.monitor import LEARNED, Monitor
 from pkm_core.motion.metrics import AxisMetrics, axis_metrics
 from pkm_core.plant.laser import Laser, LaserSamples
 from pkm_core.plant.plant import Plant
@@ -31,7 +32,7 @@ class CycleRecords:
     feedforward: np.ndarray  # (cycles, N, n) [V] the learned part, before the filters
     correction: np.ndarray  # (cycles, N, n) [m] of the reference, learned at the tool
     metrics: tuple[tuple[AxisMetrics, ...], ...]  # [cycle][joint]
-    notices: tuple[str, ...]  # messages of the learning monitors, in order
+    notices: tuple[str, ...]  # of saturated drives and of the learning monitors, in order
     laser: tuple[LaserSamples, ...]  # [cycle] of the end point; empty without a laser
     truth: tuple[np.ndarray, ...]  # [cycle] (N, m) true displacement of the end point [m, rad]; as `laser`; to judge
 
@@ -92,7 +93,7 @@ def run_cycles(
     plant = Plant(machine, seed, environment)
     controller = make_controller(machine, gains) if controller is None else controller
     records = _empty_records(machine, cycles, trajectory, start)
-    learning = None if law is None else _Learning(machine, law.with_reference(trajectory))
+    learning = None if law is None else _Learning(machine, law.with_reference(trajectory), given=start is not None)
     watch = Laser(machine, seed, environment) if laser or tool else None
     if watch:
         watch.zero(0, plant.truth)
@@ -115,6 +116,7 @@ def run_cycles(
             truths.append(true)
         moves = trajectory.move_starts, trajectory.move_ends, machine.sample_time
         metrics.append(tuple(axis_metrics(axis_error, *moves) for axis_error in error.T))
+        notices += [f'cycle {cycle + 1}: {message}' for message in _saturated(machine, records.voltage[cycle])]
         if learning is not None and cycle + 1 < cycles:
             records.feedforward[cycle + 1], messages = learning.after_cycle(error, feedforward)
             notices += [f'cycle {cycle + 1}: {message}' for message in messages]
@@ -133,12 +135,26 @@ def _empty_records(machine, cycles, trajectory, start):
     return CycleRecords(machine.joints, error, counts, voltage, feedforward, correction, (), (), (), ())
 
 
-class _Learning:
-    """A law and one `Monitor` per joint, between two cycles."""
+def _saturated(machine, voltage):
+    """Yield the notice of every joint whose command (N,) of `voltage` (N, n) was at its limit."""
+    at_limit = np.count_nonzero(np.abs(voltage) >= machine.voltage_limit, axis=0)
+    for joint, samples in zip(machine.joints, at_limit.tolist(), strict=True):
+        if samples:
+            yield saturation_notice(joint, samples, len(voltage), machine.voltage_limit)
 
-    def __init__(self, machine, law):
+
+class _Learning:
+    """
+    A law and one `Monitor` per joint, between two cycles.
+
+    The first cycle after power-up differs by its friction, which does not repeat. Nothing is learned from it under a
+    `given` feedforward, learned in steady repetition, or with identified forces, which leave little but that friction.
+    """
+
+    def __init__(self, machine, law, *, given):
         self._joints, self._sample_time, self._law = machine.joints, machine.sample_time, law
-        self._monitors = [Monitor(joint, machine.drive_limit) for joint in machine.joints]
+        self._monitors = [Monitor(joint, LEARNED if given else 0) for joint in machine.joints]
+        self._one_offs = {joint for joint in machine.joints if given or law.models[joint].forces is not None}
 
     def after_cycle(self, error, feedforward):
         """
@@ -148,6 +164,9 @@ class _Learning:
         """
         following, messages = np.empty_like(feedforward), []
         for axis, (joint, monitor) in enumerate(zip(self._joints, self._monitors, strict=True)):
+            if joint in self._one_offs:
+                following[:, axis] = feedforward[:, axis]
+                continue
             decision = monitor.observe(error[:, axis], feedforward[:, axis])
             learned = decision.feedforward
             if decision.learn:
@@ -155,6 +174,7 @@ class _Learning:
             if decision.message:
                 messages.append(decision.message)
             following[:, axis] = learned
+        self._one_offs = set()
         return following, messages
 
 

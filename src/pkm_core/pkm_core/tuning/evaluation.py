@@ -8,7 +8,7 @@ Nyquist curve.
 import numpy as np
 from numba import njit
 
-from pkm_core.control.margins import GAIN_SPREAD, perturbed_models, unit_circle
+from pkm_core.control.margins import GAIN_SPREAD, is_guide_known, perturbed_models, unit_circle
 from pkm_core.control.nyquist import FIGURES, loop_figures
 from pkm_core.control.systems import plant_system
 
@@ -26,6 +26,7 @@ def _evaluate(frequency, controller, plants, spread, start_angle, mode_index, ba
     Write the COLUMNS of one candidate into `out`.
 
     `controller` (m,) [V/m] and `plants` (p, m) [m/V] are responses at `frequency` (m,) [Hz], that of the model first;
+    `start_angle` (p,) is the phase of L at 0 Hz;
     `spread` (g,) are the factors of the gain, 1 first; `weight` (m,) converts |P S|^2 to the squared D.
     """
     figures, n = np.empty(_NOMINAL), _NOMINAL
@@ -34,7 +35,7 @@ def _evaluate(frequency, controller, plants, spread, start_angle, mode_index, ba
         loop = controller * plants[p]
         peak = np.abs(loop[mode_index:]).max()
         for g in range(spread.size):
-            loop_figures(frequency, loop, spread[g], start_angle, figures)
+            loop_figures(frequency, loop, spread[g], start_angle[p], figures)
             if p == 0 and g == 0:
                 out[:n] = figures
                 out[n + 2] = peak
@@ -72,13 +73,18 @@ class AxisFigures:
         self._sample_time = sample_time
         self._frequency = frequency = _search_grid(model, sample_time)
         self._z = unit_circle(frequency, sample_time)
-        self._plants = np.array([plant_system(m, sample_time)(self._z) for m in perturbed_models(model, gains=(1.0,))])
+        systems = [plant_system(each, sample_time) for each in perturbed_models(model, gains=(1.0,))]
+        # poles of L at z = 1: position, integral and, without viscosity, speed
+        poles = [2 + (model.viscosity == 0)] * len(systems)
+        if is_guide_known(model):
+            systems.append(plant_system(model, sample_time, stuck=True))
+            poles.append(1)  # a guide at rest holds the position: integral alone
+        self._plants = np.array([system(self._z) for system in systems])
+        self._start_angle = -0.5 * np.pi * np.array(poles)
         w, wanted = 2 * np.pi * frequency, 2 * np.pi * bandwidth
         self._weight = np.gradient(frequency) * (wanted**2.5 / model.gain / w) ** 2
         self._mode_index = int(np.searchsorted(frequency, resonances_from))
         self._band_index = int(np.searchsorted(frequency, bandwidth, side='right'))
-        # poles of L at z = 1: position, integral and, without viscosity, speed
-        self._start_angle = -0.5 * np.pi * (2 + (model.viscosity == 0))
 
     def __call__(self, law):
         """Return the COLUMNS (n,) of a `PidLaw` with integral action."""

@@ -10,6 +10,8 @@ command, and a stop is requested.
 import numpy as np
 
 from pkm_core.control.controllers import choose_control
+from pkm_core.control.feasibility import check_drive, saturation_notice
+from pkm_core.control.forces import coupling_voltage
 from pkm_core.control.margins import require_margins
 from pkm_core.control.model import load_model
 from pkm_core.control.robust import RobustController
@@ -56,7 +58,7 @@ class JointControllerNode(PkmNode):
         self._learning = AxisLearning(self, joint, machine, self._events, self._on_learned)
         law = CycleLaw(
             load=self._load,
-            reset=self._controller.reset,
+            reset=self._reset,
             check=self._check,
             is_busy=self._is_busy,
             learn=self._learn,
@@ -96,6 +98,10 @@ class JointControllerNode(PkmNode):
 
     # the law, between ticks
 
+    def _reset(self):
+        self._controller.reset()
+        self._learning.reset()
+
     def _check(self, message):
         if message.feedforward and self._gains.gains != self._loaded_gains[self._joint]:
             raise PkmError(
@@ -107,19 +113,25 @@ class JointControllerNode(PkmNode):
         return self._learning.is_under_way() or self._excitation.is_missing(message)
 
     def _load(self, loaded):
+        check_drive(self._machine, self._model, loaded.trajectory, self._column)
         axis = [np.ascontiguousarray(values[:, self._column]) for values in loaded.trajectory.derivatives()]
         self._excited = self._excitation.begin(loaded.message, self._model, self._gains.gains, *axis[:3])
         given = loaded.feedforward
         given = None if given is None else np.ascontiguousarray(given[:, self._column])
-        self._learning.begin(loaded.message, axis[0], given)
+        self._learning.begin(loaded.message, axis[0], given, forces=self._model.forces is not None)
         self._feedforward = self._learning.feedforward
         self._errors = loaded.errors[:, 0]
-        self._controller.load(*axis, self._feedforward)
+        coupling = coupling_voltage(self._machine, loaded.trajectory, self._column)
+        self._controller.load(*axis, self._feedforward, coupling)
 
     def _on_learned(self):
         self._cycles.load_if_possible()
 
     def _learn(self, loaded):
+        limited, total = self._controller.saturated, len(self._errors)
+        notice = saturation_notice(self._joint, limited, total, self._machine.voltage_limit)
+        if notice:
+            self._learning.publish_notice(loaded.message.cycle, notice)
         if learns(loaded.message):
             self._learning.learn(loaded.message, loaded.errors[:, 0].copy(), self._gains.gains)
 

@@ -21,6 +21,8 @@ from rclpy.task import Future
 from std_msgs.msg import UInt32
 
 from pkm_core.control.controllers import choose_control, kind_of
+from pkm_core.control.feasibility import drive_check
+from pkm_core.control.model import load_model
 from pkm_core.errors import PkmError, TrajectoryError
 from pkm_core.identification.plan import in_poses
 from pkm_core.learning import make_law
@@ -51,7 +53,7 @@ class TrajectoryGeneratorNode(PkmNode):
         super().__init__('trajectory_generator', **kwargs)
         geometry = load_geometry(self.machine_setting(), self.configuration_setting())
         self._chosen = self.control_setting()
-        self._gains = choose_control(geometry.machine, self._chosen)
+        self._gains, self._models = choose_control(geometry.machine, self._chosen), load_model(geometry.machine)
         calibrated = self.setting('calibrated', 'calibrated', CALIBRATED)
         start_timeout = self.setting('start_timeout', 30.0, '[s, wall] from a trajectory to the first tick')
         metrics_timeout = self.setting('metrics_timeout', 2.0, '[s, wall] from the last tick to the metrics')
@@ -94,7 +96,7 @@ class TrajectoryGeneratorNode(PkmNode):
 
     def _reload(self):
         """Read the gains of the configuration again; learning laws are checked with them before a goal begins."""
-        self._gains = choose_control(self._machine, self._chosen)
+        self._gains, self._models = choose_control(self._machine, self._chosen), load_model(self._machine)
 
     async def _execute(self, goal_handle):
         """Run one goal. A refused goal is accepted and aborted, because only a result carries the reason."""
@@ -181,7 +183,7 @@ class TrajectoryGeneratorNode(PkmNode):
             poses = pose_rows(machine, [{name: getattr(pose, name) for name in names} for pose in request.poses])
             times = request.move_time or None, request.rest_time or None
             motion, name = poses_motion(machine, poses, *times), 'poses'
-        trajectory = plan(machine, motion)
+        trajectory = plan(machine, motion, drive_check(machine, self._models))
         joints = to_joints(machine, trajectory)  # refuses what inverse_kinematics would refuse after the start
         still = still_moves(machine, joints)
         if still:

@@ -6,7 +6,7 @@ import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
-from pkm_core.learning.monitor import Monitor
+from pkm_core.learning.monitor import LEARNED, Monitor
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import UpdateFeedforward
 from pkm_nodes.parts.gain_parameters import gains_to_msg
@@ -24,7 +24,7 @@ class AxisLearning:
     node : PkmNode
     joint : str
     machine : Machine
-        For its sample time and its limits of voltage and thrust.
+        For its sample time and its voltage limit.
     events : CycleEvents
         Of the joint.
     on_end : callable
@@ -35,7 +35,7 @@ class AxisLearning:
     feedforward : ndarray, shape (N,)
         [V] learned, for the next cycle.
     notice : str
-        Last observation of the monitor on the motion being learned, '' without one.
+        Last observation on the present motion, '' without one.
 
     """
 
@@ -43,7 +43,6 @@ class AxisLearning:
         self.feedforward, self.notice = np.zeros(0), ''
         self._joint, self._events, self._on_end = joint, events, on_end
         self._sample_time, self._limit = machine.sample_time, machine.voltage_limit
-        self._drive_limit = machine.drive_limit
         self._logger = node.get_logger()
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -52,26 +51,36 @@ class AxisLearning:
         self._asked_by = None  # monitor at the time of that request
         self._until = 0
         self._learned_for = None  # (motion, law, reference) the feedforward belongs to
+        self._is_one_off = False  # whether the loaded cycle does not repeat
+        self._starts = True  # whether the next cycle starts after power-up or a safe stop
         self.renew()
 
-    def renew(self):
-        """Restart monitor and iteration count with the current feedforward, because the loop has changed."""
-        self._monitor, self._iteration = Monitor(self._joint, self._drive_limit), 0
+    def renew(self, updates=0):
+        """Restart the monitor with the current feedforward, which has had `updates` updates: the loop has changed."""
+        self._monitor, self._iteration = Monitor(self._joint, updates), updates
 
-    def begin(self, message, reference, given):
+    def reset(self):
+        """Note that the next cycle starts from rest; nothing is learned from it, because its friction differs."""
+        self._starts = True
+
+    def begin(self, message, reference, given, *, forces):
         """
         Prepare for the cycle of a joint_trajectory message.
 
         The feedforward is kept if motion, law and planned reference are those of the previous cycle and no feedforward
         is `given` (N,) [V]. Otherwise it is `given`, or zero. The planned reference is `reference` (N,) [m], unless the
-        message has the digest of another one, of which `reference` is a correction.
+        message has the digest of another one, of which `reference` is a correction. Nothing is learned from the first
+        cycle under a `given` feedforward, from a cycle after a safe stop or, if the model has `forces`, after power-up:
+        their friction is that of another start.
         """
         learned_for = (message.motion, message.learning_law, message.planned or reference.tobytes())
         if learned_for != self._learned_for or given is not None:
             self._learned_for = learned_for
             self.feedforward = np.zeros(len(reference)) if given is None else given
             self.notice = ''
-            self.renew()
+            self.renew(0 if given is None else LEARNED)
+        self._is_one_off = given is not None or (self._starts and (forces or bool(self.feedforward.any())))
+        self._starts = False
 
     def is_under_way(self):
         """Return whether an answer is due; after `LEARNING_TIMEOUT` the previous feedforward is kept."""
@@ -82,13 +91,15 @@ class AxisLearning:
 
     def learn(self, message, error, gains):
         """Pass `error` (N,) [m] of the cycle of a joint_trajectory to the monitor and request the next feedforward."""
+        if self._is_one_off:
+            return
         decision = self._monitor.observe(error, self.feedforward)
         self.feedforward = decision.feedforward
         # the monitor counts cycles since learning started; a failed update does not count
         self._iteration = min(self._iteration, decision.iteration)
         self._cycle = message.cycle
         if decision.message:
-            self._publish_notice(decision.message)
+            self.publish_notice(message.cycle, decision.message)
         if not decision.learn:
             return
         request = UpdateFeedforward.Request(
@@ -127,9 +138,10 @@ class AxisLearning:
         self._on_end()
 
     def _keep(self, reason):
-        self._publish_notice(f'{self._joint}: {reason}; the previous feedforward is kept')
+        self.publish_notice(self._cycle, f'{self._joint}: {reason}; the previous feedforward is kept')
 
-    def _publish_notice(self, notice):
+    def publish_notice(self, cycle, notice):
+        """Publish an observation on `cycle` as a NOTICE, in the log and in the diagnostics."""
         self.notice = notice
         self._logger.warning(notice)
-        self._events.publish(CycleEvent.NOTICE, self._cycle, message=notice)
+        self._events.publish(CycleEvent.NOTICE, cycle, message=notice)
