@@ -15,7 +15,7 @@ _JOINT = re.compile(r'[A-Za-z]\w{0,30}', re.ASCII)
 
 
 def topic_of(event):
-    """Return the topic that identifies the source of `event`; '' if its name decides, or any node may send it."""
+    """Return the topic that identifies the source of `event`; '' if its name decides, or every node may send it."""
     return 'pose_trajectory' if event == 'ANNOUNCED' else _ONLY.get(event, ('', ''))[1]
 
 

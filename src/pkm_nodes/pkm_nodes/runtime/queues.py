@@ -7,6 +7,7 @@ messages, is compiled: 0.3 us per message. The structures of rcl and rcutils are
 """
 
 import ctypes
+from functools import partial
 
 import numpy as np
 from numba import njit, types
@@ -91,8 +92,10 @@ class Taker:
         self._message[ALLOCATOR:] = default_allocator()
         self._info = np.zeros(INFO_WORDS, np.int64)  # of `_message`
 
+        self._end = partial(fini, ctypes.c_void_p(self._message.ctypes.data))  # numpy may be gone at the very end
+
     def __del__(self):
-        fini(ctypes.c_void_p(self._message.ctypes.data))
+        self._end()
 
     def take(self, subscription, callback, enough):
         """

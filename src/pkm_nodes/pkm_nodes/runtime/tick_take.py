@@ -6,6 +6,7 @@ This one takes 1.0 us. The structures of rcl and rmw are not public: fast_path.p
 """
 
 import ctypes
+from functools import partial
 
 import numpy as np
 from numba import njit
@@ -93,8 +94,10 @@ class TickTake:
         self._bytes = memoryview(self.record.view(np.uint8))
         self.content = self._bytes[_WORD * _CONTENT :][:size]
 
+        self._end = partial(fini, ctypes.c_void_p(self.record.ctypes.data + _WORD * _MESSAGE))  # see queues.py
+
     def __del__(self):
-        fini(ctypes.c_void_p(self.record.ctypes.data + _WORD * _MESSAGE))
+        self._end()
 
     def expect(self, gid):
         """Take messages of the publisher with this GID only; with b'' every sender is a stranger."""
