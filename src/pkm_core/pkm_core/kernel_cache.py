@@ -32,7 +32,7 @@ def _of_user() -> Path:
     folder = Path(tempfile.gettempdir()) / f'pkm-kernels-{os.getuid()}'
     with suppress(OSError):
         folder.mkdir(mode=0o700)
-    # a kernel is code: a folder that somebody else has made is not used
+    # a kernel is code: a folder of another user is not used
     if folder.is_symlink() or not folder.is_dir() or folder.stat().st_uid != os.getuid():
         return Path(tempfile.mkdtemp(prefix='pkm-kernels-'))
     return folder

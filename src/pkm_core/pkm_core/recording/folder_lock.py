@@ -44,7 +44,7 @@ class FolderLock:
 
 
 def _holder(descriptor):
-    """Return which process of which user holds the lock of the open folder, as far as the kernel tells it."""
+    """Return which process of which user holds the lock of the open folder; '' if /proc does not show it."""
     inode = os.fstat(descriptor).st_ino
     with suppress(OSError, LookupError, ValueError):
         for line in Path('/proc/locks').read_text().splitlines():
