@@ -8,10 +8,12 @@ import pytest
 
 from pkm_core.config import Configuration
 from pkm_core.control.robust import load_control
+from pkm_core.design.pose_plan import spread_poses
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan
 from pkm_core.motion.trajectory import to_joints
 from pkm_core.simulation.cycles import run_cycles
+from pkm_core.simulation.true_rests import true_rests
 
 DOMAIN = 92
 PKM = Path(sys.prefix) / 'bin' / 'pkm'
@@ -51,13 +53,22 @@ def test_unknown_machine_is_commissioned_on_the_graph(processes, tuning, monkeyp
     assert 'recommended' in done.stdout
     assert 'as found' in done.stdout
     assert '<svg' not in (out / 'report.html').read_text()  # figures are separate images
-    # one cell from beginning to end: the motion as found, every experiment, the acceptance move, what was learned
-    assert len(list((out / 'as_found' / 'bags').iterdir())) == 1 + 2 * 4 + 1 + 5
+    # one cell from beginning to end: the motion as found, every experiment, the acceptance move, poses of calibration
+    # and verification, what was learned
+    assert len(list((out / 'as_found' / 'bags').iterdir())) == 1 + 2 * 4 + 1 + 2 + 5
+    calibration = results['calibration']
+    assert calibration['taken_up'], results['not_calibrated']
+    assert max(calibration['end_point']['after'].values()) < 0.5e-6 < max(calibration['end_point']['before'].values())
+    assert 'End point at rest by laser' in (out / 'report.html').read_text()
     assert not (out / 'tuned').exists()
 
     # what is left behind is the machine under the gains that have passed; from power-up its noise is another
     monkeypatch.setenv('PKM_CONFIG', str(out / 'config'))
     machine = load_machine('planar')
+    assert str(machine.specimen) == 'planar, seed 1, environment nominal'
+    poses = spread_poses(machine, 6, 5)
+    off = true_rests(machine, poses, seed=1) - poses
+    assert (abs(off - off.mean(axis=0)) < 0.6e-6).all()  # the tool is where it is sent
     trajectory = to_joints(machine, plan(machine, load_motion(default_motion(machine))))
     records = run_cycles(machine, trajectory, load_control(machine), None, cycles=1, seed=1)
     again = 1e6 * records.metric('max_dynamic_error')[0]
