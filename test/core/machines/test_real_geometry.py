@@ -160,8 +160,9 @@ def test_wrong_geometry_of_a_file_is_refused_by_key(key, value, message, tmp_pat
     ('deviations', 'message'),
     [
         ({'l2': '1 um', 'square': '1 um'}, r'uncertainty\.deviations: square: .* dimension'),
-        ({'l2': '1 ppm', 'scale_d1': '1 ppm'}, r'uncertainty\.deviations: l2: .* dimension'),
-        ({'l2': 1, 'scale_d1': '1 ppm'}, r'uncertainty\.deviations: l2: .* no unit'),
+        ({'l2': '1 ppm', 'scale_d1': '1 ppm'}, r'uncertainty\.deviations\.l2: .* dimension'),
+        ({'l2': '1 um', 'scale_d1': '-1 ppm'}, r'uncertainty\.deviations: .*scale_d1 -1e-06 1 given; allowed from 0'),
+        ({'l2': 1, 'scale_d1': '1 ppm'}, r'uncertainty\.deviations\.l2: .* no unit'),
     ],
 )
 def test_uncertainty_in_another_unit_is_refused_by_name(deviations, message):

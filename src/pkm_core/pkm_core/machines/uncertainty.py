@@ -3,35 +3,47 @@
 from typing import Annotated
 
 import numpy as np
-from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, WrapValidator, model_validator
 
-from pkm_core.config import Config, Number, quantity
+from pkm_core.config import Config, Length, Number, quantity
 from pkm_core.machines.real_geometry import printed_unit, si_unit
 
 _DIGITS = 9  # of a correlation; errors of 1e-9 of (10 um)^2 are far below the variance of a pose, (0.1 um)^2
 _ROUNDING = 1e-7  # of an eigenvalue of the correlations, by these digits
-_TYPES = {unit: TypeAdapter(quantity(unit)) for unit in ('m', 'rad', '')}
+_TYPES = {unit: TypeAdapter(quantity(unit)) for unit in ('rad', '')}
 
 
-def _with_units(deviations, info):
-    """Return the `deviations` of a file in SI, each by the unit of its name."""
+class _Converted(float):
+    """A deviation that is no length, in SI."""
+
+
+def _convert(deviations, info):
+    """Return the `deviations` of a file; those that are no lengths are converted to SI, by the unit of their name."""
     if not isinstance(deviations, dict):
         return deviations  # refused by its type
-    found = {}
+    found = dict(deviations)
     for name, deviation in deviations.items():
-        try:
-            found[name] = _TYPES[si_unit(str(name))].validate_python(deviation, context=info.context)
-        except ValidationError as error:
-            raise ValueError(f'{name}: {error.errors()[0]["msg"]}') from None
+        unit = si_unit(str(name))
+        if unit != 'm':
+            try:
+                found[name] = _Converted(_TYPES[unit].validate_python(deviation, context=info.context))
+            except ValidationError as error:
+                raise ValueError(f'{name}: {error.errors()[0]["msg"]}') from None
+            if found[name] < 0.0:
+                raise ValueError(f'{name} {found[name]:g} {unit or "1"} given; allowed from 0')
     return found
+
+
+def _unless_converted(value, handler):
+    return float(value) if isinstance(value, _Converted) else handler(value)
 
 
 class Uncertainty(Config):
     """Standard deviations of measured errors, and their correlations: most errors compensate each other."""
 
     deviations: Annotated[
-        dict[str, Annotated[float, Field(ge=0)]],
-        BeforeValidator(_with_units),
+        dict[str, Annotated[Length, Field(ge=0), WrapValidator(_unless_converted)]],
+        BeforeValidator(_convert),
         Field(description='standard deviation of each length and mark, and of each error of section geometry'),
     ]
     correlations: Annotated[
