@@ -87,7 +87,7 @@ class GoalCycle:
         self._silence = silence
         self._heard: float | None = None  # time of the last report of the machine, None before the first one
         self._looked = -inf  # time of the last `look`
-        self._over = False  # the last report of the machine says that the cycle has ended
+        self._over = False  # by the last report of the machine the cycle has ended
         self._highest = 0  # the highest number of a cycle in use
         self._deadline = inf
         self._errors = {}
