@@ -20,6 +20,7 @@ from pkm_core.machines.laser_clock import sample_numbers
 from pkm_core.motion.planning import default_motion, load_motion, plan
 from pkm_core.motion.trajectory import added, to_joints
 from pkm_core.simulation.cycles import run_cycles
+from pkm_core.verbs.convergence import convergence as convergence_verb
 
 UM = 1e6
 
@@ -94,6 +95,11 @@ def test_shipped_law_passes_its_test_beside_the_best_law(name):
     machine, poses, joints, gains = planned(name)
     law = make_tool_law(machine, gains, make_law('inverse', machine, gains), poses, joints)
     assert law.verdict.startswith('learning at the tool converges: the error up to 110 Hz is multiplied by at most 0.9')
+
+
+def test_verb_prints_the_verdict_at_the_tool(capsys):
+    convergence_verb('planar', 'inverse', 'robust', None, None, 'tool')
+    assert 'learning at the tool converges: the error up to 110 Hz' in capsys.readouterr().out
 
 
 def test_tool_mode_within_the_band_is_refused_with_its_frequency():

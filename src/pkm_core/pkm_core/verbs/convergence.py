@@ -21,9 +21,9 @@ def convergence(
     machine_name: MachineOption = 'four_dof',
     law: LawOption = 'fourier',
     controller: ControllerOption = 'robust',
-    learning_target: LearningTargetOption = 'joints',
     out: OutOption = None,
     json_file: JsonOption = None,
+    learning_target: LearningTargetOption = 'joints',
 ):
     """
     Compute the factor by which a learning law multiplies the error per cycle, on the model and on all perturbed models.
