@@ -10,9 +10,9 @@ from pkm_core.design.cell_calibration import POSES, VERIFICATION, Request, plan_
 from pkm_core.design.units import units
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
+from pkm_core.machines.real_geometry import printed_unit
 from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import (
-from pkm_core.machines.real_geometry import printed_unit
     CellArrangementOption,
     EnvironmentOption,
     JsonOption,
