@@ -82,7 +82,7 @@ def calibrate(
     json_file: JsonOption = None,
 ):
     """
-    Estimate link lengths, offsets and encoder marks of one machine, with deviations; validate them at other poses.
+    Estimate link lengths, offsets, marks and geometry of one machine, with deviations; validate them at other poses.
 
     The simulated machine is the one that a cell with the same --seed and --environment runs. Every fourth pose is kept
     for validation. Writes into --out: the calibrated machine file, which every verb and node accepts as its machine; a

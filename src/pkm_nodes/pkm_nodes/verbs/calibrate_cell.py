@@ -10,6 +10,7 @@ from pkm_core.design.cell_calibration import POSES, VERIFICATION, Request, plan_
 from pkm_core.design.units import units
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
+from pkm_core.machines.real_geometry import printed_unit
 from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import (
     CellArrangementOption,
@@ -111,7 +112,11 @@ def _errors_table(machine, result, title):
 
 def _parameters_table(result):
     columns = zip(result.parameters, result.estimates, result.deviations, strict=True)
-    rows = [(name, f'{1e6 * estimate:.2f}', f'{1e6 * deviation:.2f}') for name, estimate, deviation in columns]
+    rows = []
+    for name, estimate, deviation in columns:
+        factor, unit = printed_unit(name)
+        label = name if unit == 'um' else f'{name} [{unit}]'
+        rows.append((label, f'{factor * estimate:.2f}', f'{factor * deviation:.2f}'))
     return table('deviation from the drawing [um]', ['', 'estimate', '+-'], rows)
 
 
