@@ -280,3 +280,9 @@ def test_guide_at_rest_is_among_the_perturbed_models():
     assert worst_margins(gains, known, TS).phase_margin < worst_margins(gains, model, TS).phase_margin - 3
     stuck = plant_system(known, TS, stuck=True)
     assert float(stuck(np.array([1.0 + 0j]))[0].real) == pytest.approx(10e-6 / 0.09, rel=1e-6)  # its spring [m/V]
+    figures = AxisFigures(known, TS, bandwidth=45.0, resonances_from=150.0)(gains)
+    searched = dict(zip(COLUMNS, figures, strict=True))
+    worst = worst_margins(gains, known, TS)
+    assert searched['unstable'] == 0
+    assert searched['worst_phase_margin'] == pytest.approx(worst.phase_margin, abs=0.5)  # the grid is coarser
+    assert searched['worst_peak_sensitivity'] == pytest.approx(worst.peak_sensitivity, rel=0.01)
