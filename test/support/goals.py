@@ -47,7 +47,8 @@ class CellStandIn:
         self._metrics = {joint: graph.publisher(CycleMetrics, f'{joint}/cycle_metrics') for joint in JOINTS}
 
     def tell(self, event, cycle, **fields):
-        self._events.publish(CycleEvent(event=event, cycle=cycle, source='machine', **fields))
+        source = 'recorder' if event == CycleEvent.RECORDED else 'machine'
+        self._events.publish(CycleEvent(event=event, cycle=cycle, source=source, **fields))
 
     def start(self, cycle):
         """Wait for the trajectory of `cycle`, start it and return the trajectory."""
