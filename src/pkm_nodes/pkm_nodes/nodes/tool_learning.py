@@ -22,12 +22,14 @@ from pkm_core.learning.tool import ToolLearning, make_tool_law
 from pkm_core.learning.tool_cycles import ToolCycles
 from pkm_core.machines.geometry import load_geometry
 from pkm_core.motion.trajectory import DERIVATIVES, to_joints
+from pkm_core.recording.block import rows
 from pkm_interfaces.msg import CycleError, CycleEvent, LaserSample
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import learns, trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.node_geometry import NodeGeometry
-from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.groups import PatientGroup
+from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [s, wall] wait for the measurements of a cycle after its successor was planned, and once they have been missing
 PATIENCE, IMPATIENCE = 2.0, 0.2
@@ -62,8 +64,15 @@ class ToolLearningNode(PkmNode):
         for joint in machine.joints:
             self.create_subscription(CycleError, f'{joint}/cycle_error', self._on_error, CYCLE_QOS)
         numbers = Struct(f'<4xdI4x{len(machine.coordinates)}d')  # header, time, length, padding, displacement
-        take = partial(self._on_sample, numbers.unpack)
-        self._laser = self.on_tick_topic(LaserSample, 'laser', take, size=numbers.size)
+        # samples wait while ticks flow: they are needed after the cycle, and the tick is not to be slowed down
+        self._laser = self.create_subscription(
+            LaserSample,
+            'laser',
+            partial(self._on_samples, numbers),
+            TICK_QOS,
+            callback_group=PatientGroup(self._look),
+            raw=True,
+        )
         self._timer = self.create_timer(_LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()
         self.offer('tool_learning/reload', self._reload)
@@ -79,9 +88,12 @@ class ToolLearningNode(PkmNode):
 
     # measurements
 
-    def _on_sample(self, unpack, data):
-        time, _, *displacement = unpack(data)
-        self._cycles.sample((time, *displacement))
+    def _on_samples(self, numbers, data):
+        """Take one serialized sample, or several; those of another size are not samples of this machine."""
+        for row in rows(data):
+            if len(row) == numbers.size:
+                time, _, *displacement = numbers.unpack(row.tobytes())
+                self._cycles.sample((time, *displacement))
 
     def _on_error(self, message):
         self._cycles.error(message.cycle, message.joint, message.error)
