@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from rclpy.exceptions import ParameterException
 
-from pkm_core.errors import PkmError
+from pkm_core.errors import ConfigError, PkmError
 from pkm_core.motion.metrics import axis_metrics
 from pkm_interfaces.msg import CycleEvent, CycleMetrics, EncoderSample, MotorCommand, SampledTrajectory
 from pkm_nodes.nodes.joint_controller import JointControllerNode
@@ -265,5 +264,5 @@ def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
 
 
 def test_parameter_of_the_wrong_type_is_refused_by_name(graph):
-    with pytest.raises(ParameterException, match=r"joint.*'3'.*INTEGER.*STRING"):
+    with pytest.raises(ConfigError, match=r'joint is 3 \(integer\); expected string'):
         graph.start(JointControllerNode, joint=3)

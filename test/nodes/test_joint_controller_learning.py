@@ -204,7 +204,7 @@ def test_command_at_its_limit_is_noticed(graph, axis, machine):
     """Without a law too; the event counts the samples of the cycle."""
     graph.start(JointControllerNode, joint='d3')
     axis.load(1)
-    commands = axis.run(1, lambda index: 5e-3 if 10 <= index < 13 else 0.0)  # [m]: 20 V
+    commands = axis.run(1, lambda index: 9e-4 if 10 <= index < 13 else 0.0)  # [m] less than 1 mm
     limited = sum(abs(command.voltage) == machine.voltage_limit for command in commands)
     assert limited > 0
     notice = graph.next_event(CycleEvent.NOTICE, cycle=1)

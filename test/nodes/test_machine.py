@@ -4,12 +4,11 @@ import math
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.exceptions import ParameterException
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import UInt32
 
-from pkm_core.errors import PkmError
+from pkm_core.errors import ConfigError, PkmError
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.messages.diagnostics import values_of
 from pkm_nodes.nodes.machine import CLOCK_EVERY, MachineNode
@@ -209,7 +208,7 @@ def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
 
 
 def test_parameter_of_the_wrong_type_is_refused_by_name(graph):
-    with pytest.raises(ParameterException, match=r"answer_timeout.*'5'.*INTEGER.*DOUBLE"):
+    with pytest.raises(ConfigError, match=r'answer_timeout is 5 \(integer\); expected double'):
         graph.start(MachineNode, answer_timeout=5)
 
 

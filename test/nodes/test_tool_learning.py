@@ -78,11 +78,14 @@ class Cell:
             self._laser.publish(LaserSample(time=sample[0], displacement=sample[1].tolist()))
         for joint, column in zip(machine.joints, error.T, strict=True):
             self._errors[joint].publish(CycleError(cycle=cycle, joint=joint, error=array('d', column.tobytes())))
-        self._events.publish(CycleEvent(event=CycleEvent.FINISHED, cycle=cycle, tick=first + count, samples=count))
+        self._tell(CycleEvent.FINISHED, cycle, tick=first + count, samples=count)
         return error, first, time, seen
 
     def fail(self, cycle):
-        self._events.publish(CycleEvent(event=CycleEvent.FAULT, cycle=cycle))
+        self._tell(CycleEvent.FAULT, cycle)
+
+    def _tell(self, event, cycle, **fields):
+        self._events.publish(CycleEvent(event=event, source='machine', cycle=cycle, **fields))
 
 
 def notices(graph):

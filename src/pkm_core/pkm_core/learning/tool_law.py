@@ -122,7 +122,7 @@ class ToolLaw:
             raise LearningError(f'laser: a time is {time[~np.isfinite(time)][0]}; expected a finite number')
         time = cycle_times(self.machine, time, first_tick)
         check_record(time, displacement, duration, self.machine.coordinates, self.config.largest_gap)
-        error = error_samples(self.poses, time, displacement)
+        error = error_samples(self.poses, time, self.machine.from_laser(displacement))
         seen = at_ticks(time, error, samples, self.poses.sample_time, self.config.zero_at)
         return np.einsum('kij,kj->ki', self._inverse, seen)
 
