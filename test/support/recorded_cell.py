@@ -54,7 +54,7 @@ class Cell:
 
     def load(self, cycle, motion='short'):
         values = {name: np.zeros(4 * SAMPLES) for name in ('position', 'velocity', 'acceleration', 'jerk')}
-        moves = {name: np.array([1], dtype=np.uint32) for name in ('move_starts', 'move_ends')}
+        moves = {'move_starts': np.array([0], dtype=np.uint32), 'move_ends': np.array([1], dtype=np.uint32)}
         for topic in ('pose', 'joint'):
             self.say(
                 f'{topic}_trajectory',

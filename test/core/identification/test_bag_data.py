@@ -72,7 +72,7 @@ def write_cell_bag(path, experiment, record, *, ticks=None):
             f'/pkm/{name}_trajectory', 0, cycle=1, kind=1, motion='identification', learning_law='none',
             sample_time=trajectory.sample_time, coordinates=list(trajectory.coordinates),
             move_starts=trajectory.move_starts.astype(np.uint32), move_ends=trajectory.move_ends.astype(np.uint32),
-            feedforward=np.zeros(0), geometry='', **{row: getattr(trajectory, row).ravel() for row in rows},
+            feedforward=np.zeros(0), geometry='', planned='', **{row: getattr(trajectory, row).ravel() for row in rows},
         )  # fmt: skip
     for axis, joint in enumerate(machine.joints):
         put('/pkm/excitation', 0, cycle=1, joint=joint, voltage=experiment.excitation[:, axis].copy())
@@ -309,7 +309,7 @@ def test_bag_with_a_gap_is_refused_with_numbers(tmp_path):
 
 def test_bag_with_one_message_is_refused_with_numbers(tmp_path):
     path = write_foreign_bag(tmp_path / 'bag', count=1)
-    with pytest.raises(BagError, match='/joint_states has 1 messages; at least 2 are needed'):
+    with pytest.raises(PkmError, match='/joint_states has 1 messages; at least 2 are needed'):
         read_axis(path, TORQUE, ANGLE)
 
 

@@ -145,7 +145,7 @@ class Monitor:
         after = f'learning pauses for {self._pause} cycles' if again else 'learning restarts'
         message = (
             f'learning of {self.joint} diverges: {self._recent()} um rms in the last cycles; returned to the '
-            f'feedforward with {1e6 * self._lowest:.1f} um, {after}'
+            f'{self._signal} with {1e6 * self._lowest:.1f} um, {after}'
         )
         if again:
             self._waiting, self._pause = self._pause, 2 * self._pause

@@ -13,6 +13,7 @@ import numpy as np
 
 from pkm_core.control.controllers import JointControllers, make_controller
 from pkm_core.control.feasibility import saturation_notice
+from pkm_core.control.model import load_model
 from pkm_core.errors import PkmError
 from pkm_core.learning.monitor import LEARNED, Monitor
 from pkm_core.motion.metrics import AxisMetrics, axis_metrics
@@ -154,7 +155,8 @@ class _Learning:
     def __init__(self, machine, law, *, given):
         self._joints, self._sample_time, self._law = machine.joints, machine.sample_time, law
         self._monitors = [Monitor(joint, LEARNED if given else 0) for joint in machine.joints]
-        self._one_offs = {joint for joint in machine.joints if given or law.models[joint].forces is not None}
+        models = load_model(machine)
+        self._one_offs = {joint for joint in machine.joints if given or models[joint].forces is not None}
 
     def after_cycle(self, error, feedforward):
         """

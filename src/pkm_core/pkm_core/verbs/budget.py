@@ -34,7 +34,7 @@ def budget(
     tolerances: TolerancesOption = 'tolerances',
     machines: Annotated[int, typer.Option(min=2, help='Number of machines to build and measure.')] = 10_000,
     poses: Annotated[int, typer.Option(min=1, help='Number of poses over the workspace, the same for all.')] = 64,
-    geometry: Annotated[bool, typer.Option('--geometry', help='Include guides and scales among the sources.')] = False,
+    geometry: Annotated[bool, typer.Option('--guides', help='Include guides and scales among the sources.')] = False,
     measured: Annotated[
         int,
         typer.Option(min=0, help='Simulated machines that are measured, calibrated and measured again; 0: none.'),
@@ -55,7 +55,7 @@ def budget(
 
     Example: `pkm budget --machines 10000 --out runs/budget`
 
-    Example: `pkm budget --measured 20 --environment geometric --geometry`
+    Example: `pkm budget --measured 20 --environment geometric --guides`
 
     Example: `pkm budget --tolerances my_tolerances.yaml --machines 1000000 --cluster tcp://host:8786`
     """
