@@ -26,9 +26,7 @@ def search_executor(processes, cluster):
 
     """
     if not cluster:
-        # spawn instead of fork, because numba and the progress bar have threads
-        context = multiprocessing.get_context('spawn')
-        with interruptible(), _Pool(processes or os.cpu_count(), context, _end_with_parent) as executor:
+        with interruptible(), process_pool(processes or os.cpu_count()) as executor:
             yield executor
         return
     from distributed import Client
@@ -39,6 +37,16 @@ def search_executor(processes, cluster):
         raise PkmError(f'--cluster: {cluster!r}: {error}') from None
     with Client(cluster, set_as_default=False) as client:
         yield client.get_executor()
+
+
+def process_pool(processes):
+    """
+    Return an executor of `processes` worker processes of this computer; use it in a ``with`` block.
+
+    The signal handlers of this process stay as they are: for a process with handlers of its own, such as a node.
+    """
+    # spawn instead of fork, because numba and the progress bar have threads
+    return _Pool(processes, multiprocessing.get_context('spawn'), _end_with_parent)
 
 
 class _Pool(ProcessPoolExecutor):

@@ -3,7 +3,7 @@
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 
-from pkm_core.parallel import search_executor
+from pkm_core.parallel import process_pool
 
 
 class Worker:
@@ -23,7 +23,7 @@ class Worker:
 
     def _running(self):
         if self._pool is None:
-            self._pool = self._stack.enter_context(search_executor(1, ''))
+            self._pool = self._stack.enter_context(process_pool(1))
         return self._pool
 
     def close(self):
