@@ -33,3 +33,16 @@ def test_malformed_messages_of_the_tick_are_named(cell):
         '/pkm/d1/encoder: message of 12 bytes; expected 44; not recorded',
         '/pkm/d1/encoder: message of 60 bytes; expected 44; not recorded',
     ]
+
+
+def test_event_at_a_tick_beyond_all_times_is_not_recorded(cell):
+    cell.load(1)
+    cell.tell('STARTED', 1, 0)
+    for event in ('NOTICE', 'FAULT', 'STARTED'):
+        cell.tell(event, 1, (1 << 64) - 1)
+    for index in range(SAMPLES):
+        cell.tick(1, index, index)
+    cell.finish(1, SAMPLES)
+    outcome = cell.outcome()
+    assert (outcome.failure, outcome.lost) == ('', {})
+    assert cell.warnings[0].endswith('at tick 18446744073709551615: no such time in a bag; not recorded')

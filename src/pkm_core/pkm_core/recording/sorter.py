@@ -19,6 +19,7 @@ from pkm_core.recording.topics import By
 
 _EVENT = 'pkm_interfaces/msg/CycleEvent'
 _SECOND = 1_000_000_000  # ns
+_LATEST = (1 << 63) - 1  # [ns] of a time in a bag
 
 
 class Sorter:
@@ -215,6 +216,9 @@ class Sorter:
     def _take_event(self, topic, message):
         event = self._types.deserialize_cdr(message.tobytes(), _EVENT)
         if event.event in (event.RECORDED, event.NOT_RECORDED, event.RESET):
+            return
+        if event.tick * self._tick_ns > _LATEST:
+            self._warn(f'{topic}: event of {event.source!r} at tick {event.tick}: no such time in a bag; not recorded')
             return
         if self._cycles.is_closed(event.cycle):
             self._warn_of_late(topic, event.cycle)
