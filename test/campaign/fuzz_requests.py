@@ -1,6 +1,7 @@
 """Random goals, service requests and parameters for a running cell: `python -m campaign.fuzz_requests SEED COUNT`."""
 
 import sys
+from collections import Counter
 from random import Random
 from time import monotonic
 
@@ -30,6 +31,7 @@ class Fuzz:
         self.draw = Random(seed)
         self.node = rclpy.create_node('fuzz')
         self.unanswered = []
+        self.answered = Counter()
 
     def answer(self, future, what):
         """Return the result of `future`; note `what` if there is none in time."""
@@ -37,6 +39,7 @@ class Fuzz:
         if not future.done():
             self.unanswered.append(what)
             return None
+        self.answered[what.split()[0]] += 1
         return future.result()
 
     def goal(self, action_type, name):
@@ -68,6 +71,8 @@ class Fuzz:
             self.answer(
                 client.call_async(random_message(self.draw, service_type.Request, session='')), f'request of {name}'
             )
+        else:
+            self.unanswered.append(f'{name}: no server')
         self.node.destroy_client(client)
 
     def parameter(self, node):
@@ -82,6 +87,8 @@ class Fuzz:
             name = self.draw.choice(names.result.names if names else ['gone'])
             request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
             self.answer(setting.call_async(request), f'set_parameters of {node}: {name}')
+        else:
+            self.unanswered.append(f'{node}: no parameter services')
         self.node.destroy_client(listing)
         self.node.destroy_client(setting)
 
@@ -113,6 +120,7 @@ def main(seed, count):
         fuzz.round()
     client = fuzz.node.create_client(Trigger, '/pkm/machine/reset')
     fuzz.answer(client.call_async(Trigger.Request()), 'machine/reset at the end')
+    print('answered:', ', '.join(f'{count} {what}' for what, count in sorted(fuzz.answered.items())), flush=True)
     print('unanswered:', fuzz.unanswered or 'none', flush=True)
     sys.exit(bool(fuzz.unanswered))
 

@@ -7,7 +7,10 @@ import rclpy
 from rclpy.action import ActionClient
 
 from pkm_interfaces.action import ExecuteMotion
+from pkm_nodes.runtime.node import REQUEST_QOS
 
+# the default depth of 10 loses requests and answers in the queues of these clients themselves
+_DEEP = {f'{kind}_service_qos_profile': REQUEST_QOS for kind in ('goal', 'result')}
 _GOAL = ExecuteMotion.Goal(motion='four_dof_70ms', cycles=1, learning_law='none')
 
 
@@ -15,7 +18,7 @@ def main(clients, goals):
     """Send `goals` goals from each of `clients` clients before reading an answer; exit with 1 if one has no result."""
     rclpy.init()
     node = rclpy.create_node('many')
-    each = [ActionClient(node, ExecuteMotion, '/pkm/execute_motion') for _ in range(clients)]
+    each = [ActionClient(node, ExecuteMotion, '/pkm/execute_motion', **_DEEP) for _ in range(clients)]
     for client in each:
         client.wait_for_server(timeout_sec=90.0)
     sent = [client.send_goal_async(_GOAL) for _ in range(goals) for client in each]

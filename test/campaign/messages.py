@@ -1,7 +1,5 @@
 """Attacks by messages: foreign publishers on the topics of a running cell."""
 
-import sys
-
 from campaign.attacks import FellShortError, attack
 from campaign.world import RUN
 
@@ -26,14 +24,18 @@ def rogue_publisher(world, draw):
     expected, out = reference(world), world.folder / 'run'
     arrangement = draw.choice(['composed', 'composed', 'processes'])
     client = world.pkm('run', '--arrangement', arrangement, '--cycles', _CYCLES, '--out', out)
-    rogue = world.start(sys.executable, '-m', 'campaign.rogue', draw.randrange(10**6), 60.0, log='rogue')
+    seed = draw.randrange(10**6)
+    rogue = world.foreign('rogue', seed, 2 * RUN, log='rogue')
     code = world.code_of(client, RUN, f'pkm run beside {world.tail("rogue")}')
+    if rogue.poll() is not None or 'topics: ' not in world.text('rogue'):
+        raise FellShortError(f'the foreign node has not published: {world.tail("rogue")}')
     rogue.kill()
     rogue.wait()
-    what = f'{arrangement}, {world.text("rogue").strip()}'
+    what = f'{arrangement}, rogue {seed}, {world.text("rogue").strip()}'
     world.require_no_traceback()
     if code == 0 and world.figures(out) != expected:
-        raise FellShortError(f'{what}: the figures differ from those of an undisturbed run, without a refusal')
+        number = next(k for k, (a, b) in enumerate(zip(world.figures(out), expected, strict=False), 1) if a != b)
+        raise FellShortError(f'{what}: the figures differ from those of an undisturbed run from cycle {number} on')
     if code != 0 and 'rogue' not in world.text():
         raise FellShortError(f'{what}: refused without the name of the foreign node: {world.tail()}')
     world.require_nothing_left()

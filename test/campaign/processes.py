@@ -19,6 +19,7 @@ NODES = [
 # [s, wall] a client needs after its answer to end a process that is stopped
 _STOPPING = 15.0
 _CYCLES = 6
+_LONG = 60  # cycles of a run that must not end before the disturbance
 # [s, wall] typical time of a start and of one cycle of a cell in processes on two cores
 _START, _CYCLE = 12.0, 0.6
 
@@ -26,12 +27,12 @@ _START, _CYCLE = 12.0, 0.6
 def _disturb(world, draw, name, sent):
     """Send the signal `sent` to a node at a random tick of a run; check client, bags and leftovers."""
     out, bags = world.folder / 'run', draw.randint(1, _CYCLES - 1)
-    client = world.pkm('run', '--arrangement', 'processes', '--cycles', _CYCLES, '--out', out)
+    client = world.pkm('run', '--arrangement', 'processes', '--cycles', _LONG, '--out', out)
     world.wait_for(lambda: len(list(out.glob('bags/*'))) >= bags or client.poll() is not None, RUN, f'{bags} cycles')
     _wait(draw.uniform(0.0, _CYCLE), client)
     pid = world.find(name)
     if pid is None or client.poll() is not None:
-        return f'{name} had ended before'
+        raise FellShortError(f'{name} had ended before {sent.name}: {world.tail()}')
     os.kill(pid, sent)
     code = world.code_of(client, ANSWER + _STOPPING, f'pkm run after {sent.name} of {name}')
     if code == 0 and not (out / 'results.json').exists():

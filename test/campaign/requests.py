@@ -1,9 +1,7 @@
 """Attacks by goals, service requests and parameters on a running cell."""
 
-import sys
-
 from campaign.attacks import FellShortError, attack
-from campaign.world import BIN, EXECUTABLES, RUN
+from campaign.world import EXECUTABLES, RUN
 
 
 def _cell(world):
@@ -14,7 +12,7 @@ def _cell(world):
 def random_requests(world, draw):
     """Every goal, request and parameter is answered within 25 s and the cell survives."""
     cell, seed = _cell(world), draw.randrange(10**6)
-    fuzz = world.start(sys.executable, '-m', 'campaign.fuzz_requests', seed, 25, log='fuzz')
+    fuzz = world.foreign('fuzz_requests', seed, 25, log='fuzz')
     code = world.code_of(fuzz, 2 * RUN, 'random requests')
     if code:
         raise FellShortError(f'seed {seed}: {world.tail("fuzz")}')
@@ -22,15 +20,14 @@ def random_requests(world, draw):
         raise FellShortError(f'seed {seed}: the cell has ended with {cell.poll()}: {world.tail("cell")}')
     world.require_no_traceback()
     world.require_whole_bags(world.folder / 'run')
-    return f'25 requests, seed {seed}'
+    return f'seed {seed}, {world.tail("fuzz")}'
 
 
 @attack('requests')
 def two_hundred_goals(world, draw):
     """Goals of ten clients at once are all answered, and the cell runs the next one."""
     _cell(world)
-    send = [BIN / 'python', '-m', 'campaign.many_goals', 10, 20]
-    many = world.start(*send, log='many')
+    many = world.foreign('many_goals', 10, 20, log='many')
     if world.code_of(many, 2 * RUN, '200 goals at once'):
         raise FellShortError(world.tail('many'))
     world.require_no_traceback()

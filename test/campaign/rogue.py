@@ -21,21 +21,17 @@ def main(seed, seconds, few=3):
     heard = {'session': '', 'cycle': 1}
 
     def listen(event):
-        heard.update(session=event.session, cycle=event.cycle, tick=event.tick + 40, source=event.source)
+        heard.update(session=event.session, cycle=event.cycle, tick=(event.tick + 40) % (1 << 64), source=event.source)
 
     node.create_subscription(CycleEvent, '/pkm/cycle_events', listen, 100)
-    topics = {}
     deadline = monotonic() + seconds
-    while not topics and monotonic() < deadline:
+    while not node.count_publishers('/pkm/machine/cycle') and monotonic() < deadline:
         rclpy.spin_once(node, timeout_sec=0.2)
-        topics = {
-            name: types[0]
-            for name, types in node.get_topic_names_and_types()
-            if name.startswith('/pkm/') and '/_action/' not in name
-        }
     sleep(2.0)  # the rest of the cell becomes known
     topics = {
-        name: types[0] for name, types in node.get_topic_names_and_types() if name.startswith(('/pkm/', '/clock'))
+        name: types[0]
+        for name, types in node.get_topic_names_and_types()
+        if name.startswith(('/pkm/', '/clock')) and '/_action/' not in name
     }
     chosen = draw.sample(sorted(topics), min(few, len(topics)))
     print('topics:', ', '.join(chosen), flush=True)

@@ -117,18 +117,28 @@ def other_user(world, draw):
     theirs.mkdir()
     theirs.chmod(0o777)
     as_other = ['setpriv', '--reuid=65534', '--regid=65534', '--clear-groups']
-    if subprocess.run([*as_other, BIN / 'python', '-c', ''], capture_output=True, check=False).returncode:
+    python = ['env', BIN / 'python', '-c', '']  # env: setpriv itself still has the capabilities of root
+    may_read = ''
+    if subprocess.run([*as_other, *python], capture_output=True, check=False).returncode:
+        # the Python of this checkout is in a folder of root
+        as_other += ['--inh-caps=+dac_read_search', '--ambient-caps=+dac_read_search']
+        may_read = ' that may read all files'
+    if subprocess.run([*as_other, *python], capture_output=True, check=False).returncode:
         raise NotPossibleError('another user may not execute the Python of this checkout')
     try:
         second = world.start(*as_other, BIN / 'pkm', 'run', '--cycles', 1, '--out', theirs / 'run', HOME=str(theirs))
         code = world.code_of(second, RUN, 'pkm run of another user beside a running cell')
     finally:
         shutil.rmtree(theirs, ignore_errors=True)
+    if first.poll() is not None:
+        raise FellShortError(f'the first run has ended: {world.tail("first")}')
     if code == 0:
         raise FellShortError('pkm run of another user ran beside a cell in the same namespace')
+    if 'session' not in world.text() and '2 machines run' not in world.text():
+        raise FellShortError(f'another user{may_read}: the refusal does not name the first cell: {world.tail()}')
     world.end_all()
     world.require_no_traceback()
-    return f'another user, exit code {code}: {world.tail()}'
+    return f'another user{may_read}, exit code {code}: {world.tail()}'
 
 
 @attack('surroundings')

@@ -15,6 +15,7 @@ from uuid import uuid4
 from campaign.attacks import FellShortError
 
 BIN = Path(sys.prefix) / 'bin'
+TESTS = Path(__file__).resolve().parents[1]
 EXECUTABLES = Path(sys.prefix) / 'lib' / 'pkm_nodes'
 DOMAIN = 140
 ENCODERS = [f'/pkm/{joint}/encoder' for joint in ('d1', 'd3', 'd5', 'd7')]
@@ -73,6 +74,11 @@ class World:
     def node(self, executable, *arguments, **options):
         """Start an executable of pkm_nodes, as `ros2 run` does."""
         return self.start(EXECUTABLES / executable, *arguments, **options)
+
+    def foreign(self, module, *arguments, log):
+        """Start a module of this package as a program of someone else that knows the interfaces of the cell."""
+        path = os.pathsep.join(filter(None, [str(TESTS), os.environ.get('PYTHONPATH')]))
+        return self.start(sys.executable, '-m', f'campaign.{module}', *arguments, log=log, PYTHONPATH=path)
 
     def text(self, log='log'):
         """Return what a program has printed so far."""
