@@ -100,7 +100,7 @@ class World:
     def find(self, node):
         """Return the process id of a `node` of a cell in processes; None while it does not run."""
         for pid, command in self.running().items():
-            if f'__node:={node} ' in f'{command} ':
+            if f'__node:={node} ' in command or f'{EXECUTABLES}/{node} ' in command:
                 return pid
         return None
 
