@@ -6,7 +6,7 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import UInt32, UInt64
@@ -63,7 +63,8 @@ class Rogue:
         self._thread.start()
 
     def _on_diagnostics(self, message):
-        self.diagnosed += [values_of(status) for status in message.status if status.name == '/pkm/machine']
+        found = [values_of(status) for status in message.status if status.name == '/pkm/machine']
+        self.diagnosed += [values for values in found if values['fault'] != 'forged']
 
     def _run(self):
         while not self._samples and not self._ended:
@@ -86,6 +87,7 @@ class Rogue:
         self._command, self._encoder = of(MotorCommand, 'd1/command'), of(EncoderSample, 'd3/encoder')
         self._recorder, self._events = of(UInt64, 'recorder/tick'), of(CycleEvent, 'cycle_events', EVENTS)
         self._number = of(UInt32, 'machine/cycle', LAST_VALUE_QOS)
+        self._diagnostics = of(DiagnosticArray, '/diagnostics', 10)
         self._trajectories = [of(SampledTrajectory, f'{kind}_trajectory') for kind in ('pose', 'joint')]
         sleep(0.3)  # discovery
 
@@ -108,6 +110,9 @@ class Rogue:
         self._recorder.publish(UInt64(data=2**40))
         for publisher in self._trajectories:
             publisher.publish(SampledTrajectory(cycle=sample.cycle + 1, motion='evil'))
+        said = {'state': 'standing', 'cycle': sample.cycle, 'fault': 'forged'}
+        values = [KeyValue(key=key, value=str(value)) for key, value in said.items()]
+        self._diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name='/pkm/machine', values=values)]))
         for source, events in FORGED.items():
             for event in events:
                 for cycle in (sample.cycle, 2**32 - 1):

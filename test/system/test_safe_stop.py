@@ -93,6 +93,25 @@ def test_machine_killed_in_a_cycle_ends_the_goal(domain, tmp_path):
     assert any(event.event == CycleEvent.STOP and 'is gone' in event.message for event in events)
 
 
+def test_stopped_machine_is_named_and_its_process_ends(domain, tmp_path):
+    """SIGSTOP in a cycle: it is alive and gives no answer. At the end it continues, brakes and leaves in order."""
+    cell = CellProcesses('four_dof', 'processes', seed=1, environment='nominal', folder=tmp_path)
+    [generator] = [spec for spec in cell.nodes if spec.name == 'trajectory_generator']
+    generator.parameters['machine_timeout'] = 5.0
+
+    def stop_in_a_cycle(feedback):
+        if feedback.cycle == 1:
+            sleep(0.3)
+            machine.send_signal(signal.SIGSTOP)
+
+    with cell, CellClient() as client:
+        client.wait_until_up(cell.check)
+        machine = cell.processes['machine']
+        with pytest.raises(PkmError, match='the machine gives no sign of life for'):
+            client.execute('four_dof_70ms', 20, 'none', cell.check, stop_in_a_cycle)
+    assert machine.returncode == 0
+
+
 @pytest.mark.slow
 def test_cycle_ends_without_its_killed_generator(domain, tmp_path):
     """Cycle numbers continue after its restart."""
