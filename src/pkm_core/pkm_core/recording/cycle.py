@@ -137,11 +137,9 @@ class CycleRecording:
         }
 
     def reached(self):
-        """Return the last tick by topic of the servo tick, the one before the first tick without a message."""
-        return {
-            topic: max([self.first_tick - 1, *(int(t[-1]) for t in ticks if len(t))])
-            for topic, ticks in self._ticks.items()
-        }
+        """Return the last tick by topic of the servo tick; the one before the first tick if it has no message."""
+        before = -1 if self.first_tick is None else self.first_tick - 1
+        return {name: max([before, *(int(t[-1]) for t in ticks if len(t))]) for name, ticks in self._ticks.items()}
 
     def lost(self):
         """Return the number of missing messages by topic; topics without a loss are left out."""
