@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 from std_msgs.msg import UInt32, UInt64
 
-from pkm_interfaces.msg import CycleEvent
+from pkm_interfaces.msg import CycleEvent, SampledTrajectory
 from pkm_nodes.messages.tick_messages import UINT64
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from pkm_nodes.parts.machine_status import StatusGate
@@ -135,6 +135,31 @@ def test_event_is_believed_from_the_process_of_its_source(graph):
     assert speakers.is_genuine('STOP', 'anyone', own)
     assert [speakers.is_foreign('FINISHED', sender) for sender in (own, of_this_process, b'')] == [True, False, False]
     assert speakers.is_genuine('FINISHED', 'machine', b''), "rclpy's public API names no sender"
+
+
+def test_refusal_is_not_believed_from_a_later_publisher(graph):
+    """A rogue on joint_trajectory and pose_trajectory is no source of refusals: both are known before it comes."""
+    source = rclpy.create_node('source', namespace='/pkm')
+    source.create_publisher(SampledTrajectory, 'pose_trajectory', TICK_QOS)
+    graph.publisher(SampledTrajectory, 'joint_trajectory')
+    graph.spin_until(lambda: graph.node.count_publishers('pose_trajectory'), 'the source')
+    speakers = Speakers(graph.node)
+    speakers._look()  # as every second
+    context = rclpy.Context()
+    context.init(domain_id=graph.node.context.get_domain_id())
+    rogue = rclpy.create_node('rogue', namespace='/pkm', context=context)
+    for kind in ('pose', 'joint'):
+        rogue.create_publisher(SampledTrajectory, f'{kind}_trajectory', TICK_QOS)
+
+    def gids():
+        infos = graph.node.get_publishers_info_by_topic('joint_trajectory')
+        return [bytes(info.endpoint_gid) for info in infos if info.node_name == 'rogue']
+
+    graph.spin_until(gids, 'the rogue')
+    assert not speakers.is_genuine('REFUSED', 'd1', gids()[0])
+    rogue.destroy_node()
+    source.destroy_node()
+    context.shutdown()
 
 
 def test_machine_status_is_believed_from_its_process(graph, capfd):
