@@ -2,11 +2,14 @@
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import serialize_message
 from std_msgs.msg import UInt32, UInt64
 
-from pkm_interfaces.msg import CycleEvent
+from pkm_interfaces.msg import CycleEvent, SampledTrajectory
 from pkm_nodes.messages.tick_messages import UINT64
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.parts.machine_status import StatusGate
 from pkm_nodes.parts.speakers import Speakers
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.lockstep import LockstepExecutor
@@ -132,6 +135,48 @@ def test_event_is_believed_from_the_process_of_its_source(graph):
     assert speakers.is_genuine('STOP', 'anyone', own)
     assert [speakers.is_foreign('FINISHED', sender) for sender in (own, of_this_process, b'')] == [True, False, False]
     assert speakers.is_genuine('FINISHED', 'machine', b''), "rclpy's public API names no sender"
+
+
+def test_refusal_is_not_believed_from_a_later_publisher(graph):
+    """A rogue on joint_trajectory and pose_trajectory is no source of refusals: both are known before it comes."""
+    source = rclpy.create_node('source', namespace='/pkm')
+    source.create_publisher(SampledTrajectory, 'pose_trajectory', TICK_QOS)
+    graph.publisher(SampledTrajectory, 'joint_trajectory')
+    graph.spin_until(lambda: graph.node.count_publishers('pose_trajectory'), 'the source')
+    speakers = Speakers(graph.node)
+    speakers._look()  # as every second
+    context = rclpy.Context()
+    context.init(domain_id=graph.node.context.get_domain_id())
+    rogue = rclpy.create_node('rogue', namespace='/pkm', context=context)
+    for kind in ('pose', 'joint'):
+        rogue.create_publisher(SampledTrajectory, f'{kind}_trajectory', TICK_QOS)
+
+    def gids():
+        infos = graph.node.get_publishers_info_by_topic('joint_trajectory')
+        return [bytes(info.endpoint_gid) for info in infos if info.node_name == 'rogue']
+
+    graph.spin_until(gids, 'the rogue')
+    assert not speakers.is_genuine('REFUSED', 'd1', gids()[0])
+    rogue.destroy_node()
+    source.destroy_node()
+    context.shutdown()
+
+
+def test_machine_status_is_believed_from_its_process(graph, capfd):
+    """A forged sign of life, or a forged end of the cycle, is of another process than machine/cycle."""
+    gate, foreign = StatusGate(graph.node), b'x' * 16
+    status = [DiagnosticStatus(name='/pkm/recorder'), DiagnosticStatus(name='/pkm/machine', message='standing')]
+    data, others = (serialize_message(DiagnosticArray(status=each)) for each in (status, status[:1]))
+    assert gate.status_in(data, foreign).message == 'standing', 'no machine/cycle in the graph'
+    graph.publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
+    own = bytes(graph.node.get_publishers_info_by_topic('machine/cycle')[0].endpoint_gid)[:12] + b'1234'
+    gate = StatusGate(graph.node)
+    assert gate.status_in(data, own).message == gate.status_in(data).message == 'standing'
+    assert [gate.status_in(data, foreign), gate.status_in(others, own), gate.status_in(b'\0\1\0\0\1', own)] == 3 * [
+        None
+    ]
+    lines = [line.partition('/diagnostics: ')[2] for line in capfd.readouterr().err.splitlines()]
+    assert lines[0] == 'status of /pkm/machine dropped: not of the process of /pkm/machine/cycle'
 
 
 def test_unreadable_events_are_dropped_with_one_line(graph, capfd):

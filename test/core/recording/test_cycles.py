@@ -9,6 +9,7 @@ import pytest
 
 from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.bag.reader import column, read_metadata, read_topics
+from pkm_core.bag.repair import lost_messages
 from pkm_core.recording import cycles
 from support.recorded_cell import JOINTS, SAMPLES, TS, Cell, no_file_beyond
 
@@ -121,8 +122,22 @@ def test_recorder_stop_closes_the_bag_as_interrupted(cell):
     cell.run(1, 0, end=10)
     cell.recording.close_all()
     outcome = cell.outcome()
+    assert outcome.lost == outcome.surplus == {}
     assert read_metadata(outcome.path)['custom_data']['end'].startswith('interrupted: the recorder ended')
     assert len(read_cycle(outcome.path).ticks) == 10
+
+
+def test_bag_of_a_killed_machine_names_what_it_lacks(cell):
+    """It was killed within tick 21; the states of tick 20 and a command of tick 7 have not arrived."""
+    cell.load(1)
+    cell.states = lambda tick: Cell.states(cell, tick) if tick != 20 else None
+    cell.run(1, 0, without={7: ['d3/command'], 21: ['d7/encoder', *(f'{joint}/command' for joint in JOINTS)]}, end=22)
+    cell.recording.close_all()
+    outcome = cell.outcome()
+    assert outcome.lost == {'/pkm/d3/command': 1, '/pkm/d7/encoder': 1, '/pkm/pose': 1, '/pkm/joint_states': 1}
+    assert outcome.lost_ticks == {'/pkm/d3/command': [[7, 7]], '/pkm/d7/encoder': [[21, 21]]}
+    assert outcome.surplus == {}
+    assert lost_messages(outcome.path) == lost_messages(next(outcome.path.glob('*.mcap'))) == outcome.lost
 
 
 def test_next_start_closes_a_cycle_without_an_end(cell):

@@ -370,3 +370,16 @@ def test_random_events_keep_barrier_and_run_consistent(window, events):
     for event in events:
         shell.feed(event)
     assert shell.ended == sorted(set(shell.ended))
+
+
+def test_restarted_joint_has_time_after_the_killed_one_has_left():
+    """Its next LOADED event comes up to a second later: the wait does not end the moment the graph is clear."""
+    run = run_in(LOADING)
+    run.announced(CYCLE)
+    assert run.look(1.0, 1, [], 'two at /b') == ()
+    assert run.look(START_TIMEOUT + 1.0, 1, []) == ()
+    run.loaded('b', CYCLE, 5, START_TIMEOUT + 1.5)
+    assert run.look(START_TIMEOUT + 1.5, 1, []) == (Start(CYCLE, 5), SendSamples())
+    again = run_in(LOADING)
+    again.look(1.0, 1, [], 'two at /b')
+    assert isinstance(again.look(LEASE + 1.0, 1, [])[0], Refuse)

@@ -16,7 +16,7 @@ from mcap.records import Channel, Chunk, Message, Metadata, Schema
 
 from pkm_core.bag.integrity import is_whole
 from pkm_core.bag.message_types import types_of
-from pkm_core.bag.reader import bag_files, damage_refused, opened
+from pkm_core.bag.reader import bag_files, damage_refused, opened, read_metadata
 from pkm_core.bag.writer import BagWriter
 from pkm_core.errors import BagError
 from pkm_core.mcap_records import RawMessage, raw
@@ -151,6 +151,26 @@ def repair(path):
         damaged_chunks=found.damaged_chunks,
         lost_bytes=found.lost_bytes,
     )
+
+
+def lost_messages(path):
+    """
+    Return the number of missing messages by topic that the recorder wrote into the bag `path`, or the bag of that file.
+
+    Raises
+    ------
+    BagError
+        If its metadata cannot be read.
+
+    """
+    path = _bag_of(Path(path).resolve())
+    if not path.is_dir():
+        return {}
+    try:
+        lost = json.loads((read_metadata(path).get('custom_data') or {}).get('lost', '{}'))
+    except ValueError as error:
+        raise BagError(f"{path}: custom_data 'lost' is no JSON: {error}") from None
+    return lost if isinstance(lost, dict) else {}
 
 
 def _bag_of(path):

@@ -43,7 +43,7 @@ class CycleRecording:
         self.place = 0  # in the order in which cycles start, 0 before the first tick
         self.last_tick: int | None = None
         self.end_tick = inf  # first tick after the cycle
-        self.expected: dict[str, int] = {}  # messages by topic, known once the cycle has ended
+        self.expected: dict[str, int] = {}  # messages by topic, known once the cycle has ended or is closed
         self.ended: float | None = None  # wall time [s]
         self.latest = -inf  # wall time [s] of the last message
         self.end = 'interrupted: the recorder ended before the cycle'
@@ -136,6 +136,11 @@ class CycleRecording:
             'learned_feedforward': json.dumps({t: _digest(values) for t, values in self._learned.items()}),
         }
 
+    def reached(self):
+        """Return the last tick by topic of the servo tick; the one before the first tick if it has no message."""
+        before = -1 if self.first_tick is None else self.first_tick - 1
+        return {name: max([before, *(int(t[-1]) for t in ticks if len(t))]) for name, ticks in self._ticks.items()}
+
     def lost(self):
         """Return the number of missing messages by topic; topics without a loss are left out."""
         missing = {topic: count - self.counts[topic] for topic, count in self.expected.items()}
@@ -148,7 +153,7 @@ class CycleRecording:
 
     def lost_ticks(self):
         """Return the first and last of every run of missing ticks, by topic of the servo tick."""
-        if self.ended is None or self.first_tick is None:
+        if self.first_tick is None:
             return {}
         found = {}
         for topic, ticks in self._ticks.items():

@@ -13,7 +13,7 @@ from time import monotonic
 
 from pkm_core.errors import BagError
 from pkm_core.recording.cycle import CycleRecording
-from pkm_core.recording.topics import By, expected_messages
+from pkm_core.recording.topics import By, expected_messages, expected_without_end
 
 # [s, wall] how long a cycle that has ended waits for the next of its missing messages
 STRAGGLERS = 2.0
@@ -165,9 +165,12 @@ class Cycles:
         finished = event.event == event.FINISHED
         cycle.end = 'finished' if finished else f'fault: {event.message}'
         cycle.end_tick = event.tick
-        offered = {n: t for n, t in self._topics.items() if not t.optional or cycle.counts[n] or self._is_offered(n)}
-        cycle.expected = expected_messages(offered, self._machine, cycle, event, finished)
+        cycle.expected = expected_messages(self._offered(cycle), self._machine, cycle, event, finished)
         cycle.ended = monotonic()
+
+    def _offered(self, cycle):
+        """Return the topics of which `cycle` must have messages."""
+        return {n: t for n, t in self._topics.items() if not t.optional or cycle.counts[n] or self._is_offered(n)}
 
     def put(self, cycle, block):
         """Add messages to `cycle`."""
@@ -240,6 +243,8 @@ class Cycles:
     def _close_incomplete(self, cycle):
         if cycle.bag is None and not cycle.failure:  # its trajectories are among the missing messages
             self._open_bag(cycle)
+        if cycle.ended is None:  # its machine or this recorder has left
+            cycle.expected = expected_without_end(self._offered(cycle), self._machine, cycle)
         self._close(cycle)
 
     def _close(self, cycle):

@@ -80,7 +80,7 @@ def expected_messages(topics, machine, cycle, event, finished):
         By topic; without the topics of which the number is not fixed by the cycle.
 
     """
-    states = sum(tick % STATES_EVERY == 0 for tick in range(cycle.first_tick, event.tick))
+    states = _states(cycle.first_tick, event.tick)
     counts = {
         'pkm_interfaces/msg/EncoderSample': event.tick - cycle.first_tick,
         'pkm_interfaces/msg/MotorCommand': event.samples,
@@ -91,3 +91,33 @@ def expected_messages(topics, machine, cycle, event, finished):
         'pkm_interfaces/msg/LaserSample': len(sample_numbers(machine, cycle.first_tick, event.tick)),
     }
     return {name: counts[topic.kind] for name, topic in topics.items() if topic.kind in counts}
+
+
+def expected_without_end(topics, machine, cycle):
+    """
+    Return how many messages a cycle without an end event must have at least, by the encoder samples in its bag.
+
+    A tick of all encoders has its states and the commands of the ticks before it. The parameters and the result are
+    those of `expected_messages`; no count is below what is in the bag.
+    """
+    first, reached = cycle.first_tick, cycle.reached()
+    encoders = [reached[name] for name, topic in topics.items() if topic.kind == 'pkm_interfaces/msg/EncoderSample']
+    last, whole = max(encoders), min(encoders)
+    states = _states(first, whole + 1)
+    due = sample_numbers(
+        machine, first, max(first, whole - whole % STATES_EVERY)
+    )  # read by the machine with the states
+    counts = {
+        'pkm_interfaces/msg/EncoderSample': last + 1 - first,
+        'pkm_interfaces/msg/MotorCommand': max(0, last - first),
+        'pkm_interfaces/msg/SampledTrajectory': 1,
+        'geometry_msgs/msg/PoseStamped': states,
+        'sensor_msgs/msg/JointState': states,
+        'pkm_interfaces/msg/LaserSample': len(due),
+    }
+    return {n: max(cycle.counts[n], counts[topic.kind]) for n, topic in topics.items() if topic.kind in counts}
+
+
+def _states(first, end):
+    """Return the number of states of the ticks from `first` up to `end`, which is not among them."""
+    return sum(tick % STATES_EVERY == 0 for tick in range(first, end))

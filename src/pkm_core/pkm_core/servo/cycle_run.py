@@ -69,6 +69,7 @@ class CycleRun:
         self._announced = 0  # the last cycle of a goal
         self._lengths = {}  # loaded samples by joint
         self._since = 0.0  # begin of LOADING or of HELD
+        self._crowded = False  # intruders have been seen since the begin of LOADING
         self._recorded_tick = -1  # before the first report of the recorder
         self._last_tick = inf if recorder_window is None else -1  # the run is held after this tick
 
@@ -107,7 +108,7 @@ class CycleRun:
                 return ()
             self._discard()
         if not self._lengths:
-            self._next_cycle, self._since = cycle, now
+            self._next_cycle, self._since, self._crowded = cycle, now, False
         self._lengths[joint] = samples
         self.state = CycleState.LOADED if len(self._lengths) == len(self._joints) else CycleState.LOADING
         return ()
@@ -127,8 +128,9 @@ class CycleRun:
             return ()
         if ready:
             return self._refuse(f'cycle {self._next_cycle}: {intruders}')
-        # a restarted controller is not believed until DDS forgets the killed one
-        patience = max(self._start_timeout, LEASE) if intruders else self._start_timeout
+        # a restarted controller is not believed until DDS forgets the killed one, and then its next event must arrive
+        self._crowded = self._crowded or bool(intruders)
+        patience = max(self._start_timeout, LEASE) if self._crowded else self._start_timeout
         if self.is_loading and now - self._since > patience:
             remark = f'; {intruders}' if intruders else ''
             return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}{remark}')

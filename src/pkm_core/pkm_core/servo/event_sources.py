@@ -8,7 +8,7 @@ _ONLY = {
     **dict.fromkeys(('RECORDED', 'NOT_RECORDED'), ('recorder', 'recorder/tick')),
 }
 # topics whose publishers are looked up regularly: the events of their nodes begin and end cycles
-FIRST = ('machine/cycle', 'recorder/tick', 'pose_trajectory')
+FIRST = ('machine/cycle', 'recorder/tick', 'pose_trajectory', 'joint_trajectory')
 # events by which any client may stop the machine or report something; they start and end nothing else
 _ANYONE = ('STOP', 'NOTICE')
 _JOINT = re.compile(r'[A-Za-z]\w{0,30}', re.ASCII)

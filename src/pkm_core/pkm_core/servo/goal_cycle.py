@@ -177,7 +177,7 @@ class GoalCycle:
         self._looked = now
         silent = 0.0 if self._heard is None else now - self._heard
         if silent > self._silence and self.state in (GoalState.STARTING, GoalState.RUNNING):
-            reason = f'the machine gives no sign of life for {silent:.0f} s: its process is stopped or stuck'
+            reason = f'the machine gives no sign of life for {silent:.0f} s: its process has ended, is stopped or stuck'
             return StopCycle(self.cycle, reason), *self._end(f'cycle {self.cycle}: {reason}; end it and start it again')
         if self.state is GoalState.STARTING:
             if now <= self._deadline:

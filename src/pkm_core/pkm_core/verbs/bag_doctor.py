@@ -20,14 +20,19 @@ def bag_doctor(
 
     Example: `pkm bag-doctor runs/bags/four_dof_70ms_0003_20260101T120000`
     """
-    from pkm_core.bag.repair import repair
+    from pkm_core.bag.repair import lost_messages, repair
 
     console = Output()
     done = repair(path)
-    write_figures(json_file, {'repaired': done is not None} | (vars(done) | {'path': str(done.path)} if done else {}))
     if done is None:
+        lost = lost_messages(path)
+        write_figures(json_file, {'repaired': False, 'lost': lost})
         console.plain(f'{path} is complete; nothing to repair')
+        if lost:
+            listed = ', '.join(f'{topic} {count}' for topic, count in lost.items())
+            console.plain(f'messages that had not arrived when the recorder closed it: {listed}')
         return
+    write_figures(json_file, {'repaired': True} | vars(done) | {'path': str(done.path)})
     rows = [
         (topic, str(count), _ticks(done.missing[topic]) if topic in done.missing else '')
         for topic, count in done.saved.items()

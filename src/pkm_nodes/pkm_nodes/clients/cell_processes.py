@@ -165,6 +165,7 @@ class CellProcesses:
         for process in self.processes.values():
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
+                process.send_signal(signal.SIGCONT)  # a stopped process takes the other signal only when it continues
         deadline = monotonic() + _PATIENCE
         for process in self.processes.values():
             while process.poll() is None and monotonic() < deadline:

@@ -21,7 +21,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
+from rclpy.executors import ExternalShutdownException, ShutdownException, TimeoutException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -35,6 +35,8 @@ from pkm_nodes.graph import cell_nodes, controller_nodes
 from pkm_nodes.messages.diagnostics import FAULT, STATE, TICK, values_of
 from pkm_nodes.page.cell import Cell, NodeLine, Notice, Status, home_pose
 from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.parts.machine_status import subscribe_machine_status
+from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.node import CYCLE_QOS, REFUSALS, PkmNode, RCLError, begin
 
 # [1/s, wall] rate of serving ROS and updating the page
@@ -69,6 +71,7 @@ class DashboardNode(PkmNode):
         self._machine_parameters = self.create_client(GetParameters, 'machine/get_parameters')
         subscribe_events(self, self._on_event)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        subscribe_machine_status(self, self._on_machine)
         self.create_subscription(PoseStamped, 'pose', self._on_pose, _LATEST_QOS)
         self.create_subscription(JointState, 'joint_states', self._on_joints, _LATEST_QOS)
         self.create_subscription(SampledTrajectory, 'pose_trajectory', self._on_trajectory, CYCLE_QOS)
@@ -157,13 +160,10 @@ class DashboardNode(PkmNode):
         self.cell.positions = dict(zip(message.name, message.position, strict=True))
 
     def _on_diagnostics(self, message):
-        for status in message.status:
-            self._diagnosed[status.name] = status
-            if status.name == self._name_of('machine'):
-                self._on_machine(status)
+        self._diagnosed |= {each.name: each for each in message.status if each.name != self._name_of('machine')}
 
     def _on_machine(self, status):
-        values = values_of(status)
+        self._diagnosed[status.name], values = status, values_of(status)
         now, tick = monotonic(), int(values.get(TICK, 0))
         if self._ticks is not None and tick < self._ticks[1]:
             self._asked = None  # it was restarted, perhaps as another machine
@@ -237,7 +237,7 @@ class DashboardNode(PkmNode):
 
 def serve(node, page):
     """Serve `node` and update `page` until the context is shut down."""
-    executor = SingleThreadedExecutor(context=node.context)
+    executor = FAST_PATH.stepped_executor(node.context)
     executor.add_node(node)
     while node.context.ok():
         next_turn = monotonic() + 1.0 / _RATE

@@ -13,7 +13,6 @@ from math import nan
 from pathlib import Path
 from time import monotonic
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -38,6 +37,7 @@ from pkm_nodes.messages.conversions import trajectory_from_msg, trajectory_to_ms
 from pkm_nodes.messages.diagnostics import CYCLE, FAULT, STATE, values_of
 from pkm_nodes.parts.cell_geometry import CellGeometry
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
+from pkm_nodes.parts.machine_status import subscribe_machine_status
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.parts.presence import Presence
@@ -76,7 +76,7 @@ class TrajectoryGeneratorNode(PkmNode):
         self._events = CycleEvents(self, 'trajectory_generator')
         subscribe_events(self, self._on_event, self._machine.joints)
         subscribe_one(self, UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        subscribe_machine_status(self, self._on_machine_status)
         self._machine_presence = Presence(self, 'machine/cycle')
         self.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.offer('trajectory_generator/reload', self._reload)
@@ -248,14 +248,12 @@ class TrajectoryGeneratorNode(PkmNode):
     def _on_machine_cycle(self, message):
         self._perform(self._cycle.numbered(message.data))
 
-    def _on_diagnostics(self, message):
-        for status in message.status:
-            if status.name == f'{self.get_namespace().rstrip("/")}/machine':
-                values = values_of(status)
-                cycle = values.get(CYCLE, '')
-                if cycle.isdecimal():
-                    facts = values.get(STATE, ''), int(cycle), values.get(FAULT, ''), self._joints_with_metrics()
-                    self._perform(self._cycle.reported(monotonic(), *facts))
+    def _on_machine_status(self, status):
+        values = values_of(status)
+        cycle = values.get(CYCLE, '')
+        if cycle.isdecimal():
+            facts = values.get(STATE, ''), int(cycle), values.get(FAULT, ''), self._joints_with_metrics()
+            self._perform(self._cycle.reported(monotonic(), *facts))
 
     def _on_event(self, event):
         if event.event == CycleEvent.STARTED:

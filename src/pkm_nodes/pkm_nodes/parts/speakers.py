@@ -16,6 +16,8 @@ _MOST = 50
 _BESIDES = {'joint_trajectory': 'pose_trajectory'}
 # [s, wall] between two looks at the publishers of machine and recorder
 _LOOK_REGULARLY = 1.0
+# [s, wall] the same while none is known
+_LOOK_FOR_FIRST = 0.2
 
 
 @dataclass
@@ -29,7 +31,7 @@ class Speakers:
     The publishers by which `node` recognises the sources of cycle events.
 
     A source is the process whose publisher was the first on its topic, see `OnePublisher`. The publishers of machine,
-    recorder, trajectory source and `joints` are looked up every second, those of other sources with their first event.
+    recorder, trajectory sources and `joints` are looked up regularly, those of other sources with their first event.
     """
 
     def __init__(self, node, joints=()):
@@ -38,7 +40,8 @@ class Speakers:
         self._foreign = set()  # (event, sender) known to be foreign since the last regular look
         self._regular = [*FIRST, *(f'{joint}/command' for joint in joints)]
         wall = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(_LOOK_REGULARLY, self._look, clock=wall)  # so that they are known before others come
+        self._all_at = 0.0  # [s, wall] time of the next look at all of them
+        node.create_timer(_LOOK_FOR_FIRST, self._look, clock=wall)  # so that they are known before others come
 
     def is_genuine(self, event, source, sender):
         """
@@ -92,6 +95,13 @@ class Speakers:
         return self._publishers[topic]
 
     def _look(self):
-        self._foreign.clear()
+        """Look the regular topics up: every second, and at each call while their publisher is unknown."""
+        now = monotonic()
+        is_due = now >= self._all_at
+        if is_due:
+            self._all_at = now + _LOOK_REGULARLY
+            self._foreign.clear()
         for topic in self._regular:
-            self._of(topic).publisher.look()
+            publisher = self._of(topic).publisher
+            if is_due or not publisher.gid:
+                publisher.look()
