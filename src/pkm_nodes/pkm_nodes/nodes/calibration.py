@@ -11,7 +11,7 @@ from datetime import datetime
 from math import nan
 from pathlib import Path
 
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import CancelResponse
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
@@ -51,9 +51,7 @@ class CalibrationNode(PkmNode):
         self._load = self.create_client(LoadGeometry, 'geometry/load')
         self._timer = self.create_timer(_FEEDBACK, self._report_pose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()
-        self._server = ActionServer(
-            self, Calibrate, 'calibrate', self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
-        )
+        self._server = self.serve_action(Calibrate, 'calibrate', self._execute, lambda _: CancelResponse.ACCEPT)
 
     async def _execute(self, goal_handle):
         """Run one goal; a refused one is aborted at once, because only a result carries a reason."""

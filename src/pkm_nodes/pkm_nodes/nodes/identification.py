@@ -11,7 +11,7 @@ from datetime import datetime
 from math import nan
 from pathlib import Path
 
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import CancelResponse
 
 from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.control.model import load_model
@@ -43,7 +43,7 @@ class IdentificationNode(PkmNode):
         self._slow_moves = {}  # bags of the last ones by joint, for a goal of kind SWEEP
         self._cycles = CellCycles(self, IdentificationError)
         self._worker = Worker()
-        self._server = ActionServer(self, Identify, 'identify', self._execute, cancel_callback=self._on_cancel)
+        self._server = self.serve_action(Identify, 'identify', self._execute, self._on_cancel)
 
     async def _execute(self, goal_handle):
         """Run one goal; a refused one is aborted at once, because only a result carries a reason."""

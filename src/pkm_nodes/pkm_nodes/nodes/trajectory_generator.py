@@ -13,7 +13,7 @@ from math import nan
 from pathlib import Path
 from time import monotonic
 
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import CancelResponse
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.task import Future
@@ -42,7 +42,7 @@ from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.parts.presence import Presence
 from pkm_nodes.runtime.log_throttle import LogThrottle
-from pkm_nodes.runtime.node import CALIBRATED, CYCLE_QOS, LAST_VALUE_QOS, REQUEST_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.node import CALIBRATED, CYCLE_QOS, LAST_VALUE_QOS, PkmNode, entry_point
 from pkm_nodes.runtime.session import require_session
 
 
@@ -80,14 +80,8 @@ class TrajectoryGeneratorNode(PkmNode):
         self._machine_presence = Presence(self, 'machine/cycle')
         self.create_timer(1.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.offer('trajectory_generator/reload', self._reload)
-        options = {f'{kind}_service_qos_profile': REQUEST_QOS for kind in ('goal', 'result')}
-        self._server = ActionServer(
-            self,
-            ExecuteMotion,
-            'execute_motion',
-            self._execute,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            **options,
+        self._server = self.serve_action(
+            ExecuteMotion, 'execute_motion', self._execute, lambda _: CancelResponse.ACCEPT
         )
 
     @property

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import ActionServer
 from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -199,6 +200,11 @@ class PkmNode(Node):
     def foreign_messages(self):
         """Return how many messages of the servo tick this node has dropped, because of their sender."""
         return sum(subscription.foreign for subscription in self.tick_subscriptions)
+
+    def serve_action(self, action_type, name, execute, on_cancel):
+        """Return an ActionServer whose queues hold the goals of many clients at once; see rclpy for the callbacks."""
+        queues = {f'{kind}_service_qos_profile': REQUEST_QOS for kind in ('goal', 'result')}
+        return ActionServer(self, action_type, name, execute, cancel_callback=on_cancel, **queues)
 
     def tick_publisher(self, message_type, topic):
         """Return a publisher on a topic of the servo tick, and the function that publishes serialized messages."""
