@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pkm_core.experiments.tool_targets import LEARNING, ToolRun, tool_run, tool_target_rows
+from pkm_core.experiments.tool_targets import ENVIRONMENTS, LEARNING, ToolRun, tool_run, tool_target_rows
 
 UM = 1e6
 
@@ -36,11 +36,12 @@ def test_rows_compare_the_truth_with_the_goals(level, first, met):
     found = {
         f'{target} {place}': [made(level, first=first)]
         for target in ('tool', 'calibrated')
-        for place in ('nominal', 'hard')
+        for place in ENVIRONMENTS['planar']
     }
     rows = tool_target_rows('planar', 'planar', found)
-    nominal, transient, hard = (rows[i] for i in (0, 4, 5))
+    nominal, transient, geometric, hard = (rows[i] for i in (0, 4, 5, 10))
     assert [nominal.met, transient.met] == met
+    assert geometric.what == 'planar geometric, tool after calibration and learning'
     assert nominal.reached == f'x {level:.2f} ({level:.2f}), y {level:.2f} ({level:.2f}) um by the truth'
     assert nominal.goal == '<= 0.7 um in every coordinate'
     assert rows[1].reached.startswith(f'x {level + 0.4:.2f}')
