@@ -27,5 +27,6 @@ def test_client_is_told_that_the_idle_server_has_left(monkeypatch):
             server.destroy_node()
             context.shutdown()
 
-    with CellClient() as client, pytest.raises(PkmError, match='execute_motion: its server has left the graph'):
+    named = 'execute_motion: its server /pkm/trajectory_generator was killed'
+    with CellClient() as client, pytest.raises(PkmError, match=named):
         client.execute('four_dof_70ms', 1, 'none', check, lambda _: None)

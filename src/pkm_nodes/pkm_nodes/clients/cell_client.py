@@ -201,7 +201,7 @@ class CellClient:
         late = f'the cell did not answer a goal of {action}'
         self._spin_until(lambda: sent.done() or server.has_ended(), check, ANSWER_TIMEOUT, late)
         if not sent.done():
-            raise PkmError(f'{action}: its server has left the graph without an answer; restart it')
+            raise PkmError(f'{action}: its server {server.names()} was killed, or is stopped: no answer; restart it')
         return sent.result()
 
     def _wait_for_result(self, goal, action, check, is_enough=lambda: False):
@@ -229,7 +229,7 @@ class CellClient:
             self._spin_until(over, lambda: None, ANSWER_TIMEOUT, f'{death}\nthe goal did not end')
             raise PkmError(f'{death}\n{answer.result().result.message if answer.done() else ""}'.rstrip()) from None
         if not answer.done():
-            raise PkmError(f'{action}: its server has left the graph; the goal is lost')
+            raise PkmError(f'{action}: its server {server.names()} was killed, or is stopped; the goal is lost')
         return answer.result()
 
     def save_learned(self, path, check):

@@ -18,7 +18,12 @@ class Presence:
         """Return whether none of the publishers seen first is left."""
         now = self._publishers()
         self._first = self._first or now
-        return bool(self._first) and not self._first & now
+        return bool(self._first) and not self._first.keys() & now.keys()
+
+    def names(self):
+        """Return the nodes of the publishers seen first, in words."""
+        return ', '.join(sorted(set(self._first.values()))) or 'unknown'
 
     def _publishers(self):
-        return {bytes(info.endpoint_gid) for info in self._node.get_publishers_info_by_topic(self._topic)}
+        infos = self._node.get_publishers_info_by_topic(self._topic)
+        return {bytes(info.endpoint_gid): f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos}
