@@ -142,7 +142,7 @@ class RecorderNode(PkmNode):
         }
 
     def _is_offered(self, topic):
-        return self.count_publishers(topic) > 0
+        return self.context.ok() and self.count_publishers(topic) > 0  # at the end there is no graph to read
 
     # progress
 
