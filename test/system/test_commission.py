@@ -76,25 +76,6 @@ def test_unknown_machine_is_commissioned_on_the_graph(processes, tuning, monkeyp
         assert error == pytest.approx(errors['tuned'][0][joint], rel=0.5, abs=5)  # far from that of the gains as found
 
 
-def test_failed_acceptance_restores_the_old_gains(processes, tuning):
-    """The report has the reason."""
-    done, out = commission(processes, tuning, '--accept', 1, '--arrangement', 'simulation')
-    assert done.returncode == 1, done.stdout + done.stderr
-    results = json.loads((out / 'results.json').read_text())
-    assert not results['accepted']
-    errors = results['max_dynamic_error_um']
-    assert errors['restored'] == errors['as_found']
-    assert errors['learned'] == []
-    for axis, error in errors['tuned'][0].items():
-        assert f'{axis}: error of the acceptance move {error:.1f} um; allowed 1 um' in results['reasons']
-    for kind in ('model', 'control'):
-        installed, original = (
-            folder / kind / 'planar.yaml' for folder in (out / 'config', Configuration.of_environment().folder)
-        )
-        assert installed.read_bytes() == original.read_bytes()
-    assert results['reasons'][0] in (out / 'report.html').read_text()
-
-
 @pytest.mark.parametrize(
     ('options', 'reason'),
     [

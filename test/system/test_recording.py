@@ -1,6 +1,7 @@
 """Messages of a recorder that cannot write: the disk is full, or another recorder uses the folder."""
 
 import sys
+from getpass import getuser
 from pathlib import Path
 from time import monotonic, sleep
 
@@ -39,5 +40,6 @@ def test_second_recorder_on_the_folder_is_refused_in_one_line(processes):
     sleep(1.0)  # the lock follows the folder
     second = processes.run(RECORDER, '--ros-args', '-p', 'folder:=bags', timeout=60)
     assert second.returncode == 1
-    assert second.stderr == 'bags: another recorder writes its bags there; stop it or name another folder\n'
+    holder = f'process {first.pid} of user {getuser()}'
+    assert second.stderr == f'bags: another recorder writes its bags there ({holder}); stop it or name another folder\n'
     assert first.poll() is None

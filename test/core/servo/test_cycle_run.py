@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
-from pkm_core.servo.cycle_run import LEASE, MOST_CYCLES, CycleRun, CycleState
+from pkm_core.servo.cycle_run import LEASE, MOST_CYCLES, SETTLED, CycleRun, CycleState
 from pkm_core.servo.tick_barrier import TickBarrier
 
 STANDING, LOADING, LOADED, RUNNING, HELD, FAULTED = CycleState
@@ -383,3 +383,11 @@ def test_restarted_joint_has_time_after_the_killed_one_has_left():
     again = run_in(LOADING)
     again.look(1.0, 1, [], 'two at /b')
     assert isinstance(again.look(LEASE + 1.0, 1, [])[0], Refuse)
+
+
+def test_cycle_starts_once_the_other_nodes_forgot_a_killed_one():
+    """The recorder may forget a killed controller later, and would drop the first commands of the next."""
+    run = run_in(LOADED)
+    assert run.look(1.0, 1, [], 'two at /b') == ()
+    assert run.look(1.0 + SETTLED - 0.01, 1, []) == ()
+    assert run.look(1.0 + SETTLED, 1, []) == (Start(CYCLE, 5), SendSamples())

@@ -19,6 +19,9 @@ class CycleState(Enum):
 
 # [s, wall] a killed node stays in the graph for 20 s; a second publisher after that is a real one
 LEASE = 22.0
+# [s, wall] from the last look that found several publishers to the start: the other nodes, above all the recorder,
+# forget a killed one a moment before or after the machine does
+SETTLED = 1.0
 # a larger number of a cycle is not one of a cell that counts from 1: accepting it would end the counting
 MOST_CYCLES = 2**31
 # one object for all ticks: `advanced` creates none
@@ -64,6 +67,7 @@ class CycleRun:
         self._start_timeout = start_timeout
         self._answer_timeout = answer_timeout
         self._window = recorder_window
+        self._crowded_at = -inf  # time of the last look that found several publishers
         self._samples = 0  # length of the last started cycle
         self._next_cycle = 0  # the cycle that `_lengths` belong to
         self._announced = 0  # the last cycle of a goal
@@ -122,11 +126,13 @@ class CycleRun:
         """
         ready = self.state is CycleState.LOADED and not self._recorder_is_missing() and not unconnected
         ready = ready and self._next_cycle == self._announced
-        if ready and not intruders:
+        if intruders:
+            self._crowded_at = now
+        if ready and not intruders and now - self._crowded_at >= SETTLED:
             return self._start()
         if ready and now - self._since <= max(self._start_timeout, LEASE):
             return ()
-        if ready:
+        if ready and intruders:
             return self._refuse(f'cycle {self._next_cycle}: {intruders}')
         # a restarted controller is not believed until DDS forgets the killed one, and then its next event must arrive
         self._crowded = self._crowded or bool(intruders)

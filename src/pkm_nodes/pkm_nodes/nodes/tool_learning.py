@@ -88,7 +88,7 @@ class ToolLearningNode(PkmNode):
 
     # measurements
 
-    def _on_samples(self, numbers, data):
+    def _on_samples(self, numbers, data, senders=None):
         """Take one serialized sample, or several; those of another size are not samples of this machine."""
         for row in rows(data):
             if len(row) == numbers.size:
