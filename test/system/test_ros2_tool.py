@@ -52,6 +52,7 @@ velocity: []
 acceleration: []
 jerk: []
 feedforward: []
+planned: ''
 geometry: ''
 ---
 """
@@ -187,7 +188,7 @@ def test_echo_prints_a_latched_message_as_yaml(bench, ros2):
     [
         (['--field', 'coordinates'], "['q1', 'q2']\n---\n"),
         (['pkm_interfaces/msg/SampledTrajectory', '--field', 'cycle'], '3\n---\n'),
-        (['--csv', '-l', '2'], '3,0,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,,\n'),
+        (['--csv', '-l', '2'], '3,0,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,,,,\n'),
         (['--csv', '--no-arr', '--field', 'cycle'], '3\n---\n'),
     ],
 )
@@ -279,7 +280,7 @@ def test_goal_is_followed_to_its_end(bench, ros2):
     assert sent.startswith(
         'Waiting for an action server to become available...\n'
         "Sending goal:\n     session: ''\nmotion: ''\n"
-        'poses:\n- x: 0.1\n  y: 0.0\n  z: 0.0\n  phi: 0.0\nmove_time: 0.0\ncycles: 1\n'
+        'poses:\n- x: 0.1\n  y: 0.0\n  z: 0.0\n  phi: 0.0\nmove_time: 0.0\nrest_time: 0.0\ncycles: 1\n'
         "controller: ''\nlearning_law: ''\n"
     )
     assert followed == (
