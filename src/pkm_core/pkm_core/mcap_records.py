@@ -179,17 +179,25 @@ class McapFile:
             raise DamageError(f'the summary names a record of kind {kind:d} at byte {offset}, where there is none')
         return ReadDataStream(self._stream)
 
+    def contents(self):
+        """Yield every Schema, Channel and `RawMessage` of the complete records, those in chunks too, in their order."""
+        for record in self.records():
+            for inner in self.unpack(record) if isinstance(record, Chunk) else [record]:
+                if isinstance(inner, (Schema, Channel, RawMessage)):
+                    yield inner
+                elif isinstance(inner, Message):
+                    yield raw(inner)
+
     def _scanned_messages(self, topics):
         """As `messages`, of a file without an index of its chunks: all are held at once."""
         channels, schemas, found = {}, {}, []
-        for record in self.records():
-            for inner in self.unpack(record) if isinstance(record, Chunk) else [record]:
-                if isinstance(inner, Schema):
-                    schemas[inner.id] = inner
-                elif isinstance(inner, Channel):
-                    channels[inner.id] = inner
-                elif isinstance(inner, (RawMessage, Message)):
-                    found.append(inner if isinstance(inner, RawMessage) else raw(inner))
+        for record in self.contents():
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            else:
+                found.append(record)
         names = _wanted(channels, schemas, topics)
         known = (message for message in found if message.channel in names)
         for message in sorted(known, key=lambda each: each.time):

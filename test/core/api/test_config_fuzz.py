@@ -33,7 +33,7 @@ ODD = [
     *('null', '', '0', '-1', '7', '1e300', '.nan', '.inf', 'true', '[]', '{}', '[1, 2]', '{x: 1}', '""', '"\\0"', '~'),
     *('0 mm', '-1 mm', '1e300 mm', '1e-300 mm', '1e12 mm', '5 kg', '1 s', '1e-9 s', '1e6 s', '0.1 s', '3 Hz', '1e9 V'),
     *('1,5 mm', '010 mm', '5 +- 1 mm', '5 degC', 'nan mm', '1e400 mm', '5 mm mm', '５ mm', '1 µm', '50 %', '-200 %'),
-    *('2020-99-01', '!!int x', '!!binary "="', '!!python/name:os.system', '*nobody', '&a [*a]', '<<', '!!set {a}'),
+    *('2020-99-01', '!!int x', '!!binary "="', '!!python/name:os.system', '*absent', '&a [*a]', '<<', '!!set {a}'),
     *('9' * 5000, 'x' * 5000, '../../etc/passwd', '/dev/zero', 'planar', 'four_dof', 'fourier.py:Law', '[[[[[]]]]]'),
 ]  # fmt: skip
 

@@ -5,10 +5,7 @@ from rclpy.action import ActionClient
 
 from pkm_core.errors import PkmError
 from pkm_interfaces.action import Calibrate
-from pkm_nodes.clients.cell_client import CellClient
-
-# [s, wall] to find the action server in a running cell, and for its reply to a goal
-_ANSWER_TIMEOUT = 30.0
+from pkm_nodes.clients.cell_client import ANSWER_TIMEOUT, CellClient
 
 
 class CalibrateClient(CellClient):
@@ -53,10 +50,9 @@ class CalibrateClient(CellClient):
             seed=request.seed,
             folder=folder,
         )
-        self._spin_until(self._calibrate.server_is_ready, check, _ANSWER_TIMEOUT, 'the cell did not offer calibrate')
-        sent = self._calibrate.send_goal_async(goal, feedback_callback=lambda message: on_feedback(message.feedback))
-        self._spin_until(sent.done, check, _ANSWER_TIMEOUT, 'the cell did not answer the goal')
-        answer = self._wait_for_result(sent.result(), 'calibrate', check)
+        self._spin_until(self._calibrate.server_is_ready, check, ANSWER_TIMEOUT, 'the cell did not offer calibrate')
+        handle = self._send(self._calibrate, goal, 'calibrate', check, on_feedback)
+        answer = self._wait_for_result(handle, 'calibrate', check)
         if answer.status != GoalStatus.STATUS_SUCCEEDED and not answer.result.file:
             raise PkmError(answer.result.message)
         return answer.result

@@ -24,9 +24,9 @@ from pkm_interfaces.msg import PlatformPose
 from pkm_interfaces.srv import LoadGeometry
 from pkm_nodes.parts.cell_cycles import CellCycles
 from pkm_nodes.parts.node_geometry import NodeGeometry
+from pkm_nodes.parts.single_goal import SingleGoal
 from pkm_nodes.parts.worker import Worker
 from pkm_nodes.runtime.node import CALIBRATED, PkmNode, entry_point
-from pkm_nodes.runtime.session import require_session
 
 # [s, wall] for the answer of geometry/load, which waits for every node
 _EXCHANGED = 60.0
@@ -46,7 +46,7 @@ class CalibrationNode(PkmNode):
         self._geometry = NodeGeometry(self, self._of_start)
         self._cycles = CellCycles(self)
         self._worker = Worker()
-        self._goal = None  # the handle of the running goal
+        self._goal = SingleGoal(self, 'calibrate', self._cycles)
         self._visit = (0, 0, 1.0)  # poses visited in earlier cycles, all poses, time from one to the next [s]
         self._load = self.create_client(LoadGeometry, 'geometry/load')
         self._timer = self.create_timer(_FEEDBACK, self._report_pose, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -54,33 +54,12 @@ class CalibrationNode(PkmNode):
         self._server = self.serve_action(Calibrate, 'calibrate', self._execute, lambda _: CancelResponse.ACCEPT)
 
     async def _execute(self, goal_handle):
-        """Run one goal; a refused one is aborted at once, because only a result carries a reason."""
-        result = Calibrate.Result(session=self.session, misfit=nan)
-        if self._goal is not None:
-            result.message = 'another goal of calibrate is running; wait for its end or cancel it'
-            goal_handle.abort()
-            return result
-        self._goal = goal_handle
-        self._cycles.begin()
-        try:
-            require_session('goal', goal_handle.request.session, self.session)
-            await self._calibrate(goal_handle.request, result)
-        except PkmError as error:
-            result.message = str(error)
-        finally:
-            self._goal = None
-            self._cycles.end()
+        result = await self._goal.run(goal_handle, Calibrate.Result(misfit=nan), self._calibrate)
         result.geometry = self._geometry.geometry.digest
-        if goal_handle.is_cancel_requested:
-            goal_handle.canceled()
-        elif result.message:
-            self.get_logger().error(f'calibrate: {result.message}')
-            goal_handle.abort()
-        else:
-            goal_handle.succeed()
         return result
 
-    async def _calibrate(self, goal, result):
+    async def _calibrate(self, result):
+        goal = self._goal.handle.request
         request = Request(goal.poses, goal.verification, goal.wait, goal.averaging, goal.seed)
         before, file = self._geometry.geometry, self._place(goal.folder)
         await self._require_cell()
@@ -159,7 +138,7 @@ class CalibrationNode(PkmNode):
         return bags
 
     def _refuse_cancelled(self):
-        if self._goal.is_cancel_requested:
+        if self._goal.handle.is_cancel_requested:
             raise PkmError('cancelled; the machine stands at home')
 
     def _refuse_worse(self, verification, before):
@@ -197,7 +176,7 @@ class CalibrationNode(PkmNode):
     def _tell(self, phase, pose=0, poses=0):
         progress = 0.8 * pose / poses if poses else {Calibrate.Feedback.FITTING: 0.8}.get(phase, 0.9)
         named = {'session': self.session, 'phase': phase, 'pose': pose, 'poses': poses, 'progress': progress}
-        self._goal.publish_feedback(Calibrate.Feedback(**named))
+        self._goal.handle.publish_feedback(Calibrate.Feedback(**named))
 
     def destroy_node(self):
         """Destroy the actions and end the worker; `Node.destroy_node` does neither."""

@@ -15,7 +15,6 @@ from rclpy.action import CancelResponse
 
 from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.control.model import load_model
-from pkm_core.errors import PkmError
 from pkm_core.identification import IdentificationError
 from pkm_core.identification.fits import fit_bags, typical_coherence, write_results
 from pkm_core.identification.plan import Request, plan
@@ -24,9 +23,9 @@ from pkm_interfaces.action import ExecuteMotion, Identify
 from pkm_interfaces.msg import Excitation, SampledTrajectory
 from pkm_nodes.messages.conversions import experiments_from_msg, fit_to_msg, trajectory_to_msg
 from pkm_nodes.parts.cell_cycles import CellCycles
+from pkm_nodes.parts.single_goal import SingleGoal
 from pkm_nodes.parts.worker import Worker
 from pkm_nodes.runtime.node import PkmNode, entry_point
-from pkm_nodes.runtime.session import require_session
 
 
 class IdentificationNode(PkmNode):
@@ -39,41 +38,17 @@ class IdentificationNode(PkmNode):
         self._folder = Path(self.setting('folder', 'identified', 'folder that takes models and pictures'))
         self.check_settings()
         self._machine = load_machine(self._name)
-        self._goal = None  # the handle of the running goal
         self._slow_moves = {}  # bags of the last ones by joint, for a goal of kind SWEEP
         self._cycles = CellCycles(self, IdentificationError)
+        self._goal = SingleGoal(self, 'identify', self._cycles)
         self._worker = Worker()
         self._server = self.serve_action(Identify, 'identify', self._execute, self._on_cancel)
 
     async def _execute(self, goal_handle):
-        """Run one goal; a refused one is aborted at once, because only a result carries a reason."""
-        result = Identify.Result(session=self.session)
-        if self._goal is not None:
-            result.message = 'another goal of identify is running; wait for its end or cancel it'
-            goal_handle.abort()
-            return result
-        self._goal = goal_handle
-        self._cycles.begin()
-        try:
-            require_session('goal', goal_handle.request.session, self.session)
-            await self._identify(goal_handle, result)
-        except PkmError as error:
-            result.message = str(error)
-        finally:
-            self._goal = None
-            self._cycles.end()
-        if goal_handle.is_cancel_requested:
-            result.message = result.message or 'cancelled after the last cycle; the machine stands at home'
-            goal_handle.canceled()
-        elif result.message:
-            self.get_logger().error(f'identify: {result.message}')
-            goal_handle.abort()
-        else:
-            goal_handle.succeed()
-        return result
+        return await self._goal.run(goal_handle, Identify.Result(), self._identify)
 
-    async def _identify(self, goal_handle, result):
-        goal, machine = goal_handle.request, self._machine
+    async def _identify(self, result):
+        goal, machine = self._goal.handle.request, self._machine
         request = Request(
             tuple(goal.joints),
             experiments_from_msg(goal.kind),
@@ -101,11 +76,10 @@ class IdentificationNode(PkmNode):
         for joint, experiments in plans.items():
             bags = [] if request.moves else [self._slow_moves[joint]]
             for experiment in experiments:
-                feedback = Identify.Feedback(
-                    session=self.session, phase=Identify.Feedback.MOVING, joint=joint, experiment=experiment.name
-                )
+                moving = {'phase': Identify.Feedback.MOVING, 'experiment': experiment.name}
+                feedback = self._feedback(joint=joint, **moving)
                 feedback.progress, feedback.coherence = done / steps, coherence
-                goal_handle.publish_feedback(feedback)
+                self._goal.handle.publish_feedback(feedback)
                 bags.append(await self._run(experiment))
                 result.bags.append(str(bags[-1]))
                 done += 1
@@ -121,7 +95,7 @@ class IdentificationNode(PkmNode):
             result.fits.append(fit_to_msg(found[joint]))
             feedback = self._feedback(phase=Identify.Feedback.FITTING, joint=joint)
             feedback.progress, feedback.coherence = done / steps, coherence
-            goal_handle.publish_feedback(feedback)
+            self._goal.handle.publish_feedback(feedback)
         written = self._worker.submit(
             write_results, folder, self._name, found, models, f'action identify of {machine.name}'
         )
@@ -139,7 +113,7 @@ class IdentificationNode(PkmNode):
 
     async def _run(self, experiment):
         """Run one experiment as a cycle of the cell and return its bag."""
-        if self._goal.is_cancel_requested:
+        if self._goal.handle.is_cancel_requested:
             raise IdentificationError(f'cancelled before {experiment.name}; the machine stands at home')
         joints = enumerate(self._machine.joints)
         named = {'cycle': 0, 'motion': experiment.name, 'kind': SampledTrajectory.IDENTIFICATION}

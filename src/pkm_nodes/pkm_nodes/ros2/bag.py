@@ -7,9 +7,9 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import Channel, Schema
 
-from pkm_core.mcap_records import McapFile, RawMessage, raw
+from pkm_core.mcap_records import McapFile
 from pkm_core.yaml_text import LONGEST_WRITTEN, YamlError, parse_written, read_text
 from pkm_nodes.ros2.shared import add_commands
 
@@ -142,16 +142,14 @@ def _scan(path, mcap):
     """Return schemas, channels, message counts, first and last time [ns] of the complete records of an MCAP file."""
     schemas, channels, counts, times = {}, {}, Counter(), []
     try:
-        for record in mcap.records():
-            for inner in mcap.unpack(record) if isinstance(record, Chunk) else [record]:
-                if isinstance(inner, Schema):
-                    schemas[inner.id] = inner
-                elif isinstance(inner, Channel):
-                    channels[inner.id] = inner
-                elif isinstance(inner, (RawMessage, Message)):
-                    message = inner if isinstance(inner, RawMessage) else raw(inner)
-                    counts[message.channel] += 1
-                    times = [min([message.time, *times]), max([message.time, *times])]
+        for record in mcap.contents():
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            else:
+                counts[record.channel] += 1
+                times = [min([record.time, *times]), max([record.time, *times])]
     except Exception as error:  # as above; the complete records end here
         if not counts:
             raise RuntimeError(f'No plugin detected that could open file {path} ({type(error).__name__})') from error
