@@ -77,8 +77,16 @@ class Rogue:
             for _ in range(20):
                 self._executor.spin_once(timeout_sec=0.001)
         deadline = monotonic() + ANSWERS
-        while len(self.answers) < GOALS and monotonic() < deadline:
+        while (len(self.answers) < GOALS or not self.is_named) and monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.01)
+
+    @property
+    def is_named(self):
+        """Whether the diagnostics of the machine, sent once a second, have named this node."""
+        return any(
+            int(values['foreign messages']) > 0 and '/pkm/rogue' in values['other publishers']
+            for values in self.diagnosed
+        )
 
     def _make_publishers(self):
         def of(kind, topic, qos=1000):
@@ -160,6 +168,4 @@ def test_rogue_on_every_topic_changes_no_bit(tmp_path, monkeypatch, arrangement)
     notices = [event.message for event in events if event.event == CycleEvent.NOTICE and event.source == 'machine']
     assert any('/pkm/d1/command: /pkm/rogue' in notice for notice in notices)
     assert not any(event.message == 'forged' for event in events if event.event != CycleEvent.NOTICE)
-    assert any(
-        int(values['foreign messages']) > 0 and '/pkm/rogue' in values['other publishers'] for values in rogue.diagnosed
-    )
+    assert rogue.is_named
