@@ -183,7 +183,7 @@ def run_verb(*options):
 @pytest.mark.parametrize(
     ('options', 'complaint'),
     [
-        (['targets', '--arrangement', 'composed'], 'composed given; targets run in simulation only'),
+        (['targets', '--arrangement', 'composed'], 'composed given; targets runs in simulation only'),
         (['planar', '--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),
     ],
 )

@@ -1,21 +1,12 @@
-"""
-Random machines: the same controllers and models, another plant.
+"""Random machines: the same controllers and models, another plant."""
 
-The drawn values are written into a copy of config/truth; models, gains and laws do not change.
-"""
-
-import shutil
-import tempfile
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
-import yaml
 from pydantic import TypeAdapter
 
-from pkm_core.config import Configuration, Frequency, Number, load_config, read_yaml
-from pkm_core.errors import ConfigError
-from pkm_core.plant.truth import Truth
+from pkm_core.config import Frequency, Number
+from pkm_core.plant.changed_truth import change_truth, changed_machine
 
 GAIN = 0.2  # half width of the uniform spread of the thrust of each axis
 RESONANCE = 0.05  # half width for every mode; one factor for resonance and anti-resonance
@@ -39,27 +30,27 @@ def random_machine(machine, seed, environment='nominal'):
         If the truth file has no such environment.
 
     """
-    with tempfile.TemporaryDirectory() as folder:
-        copied = Configuration(Path(folder) / 'config')
-        shutil.copytree(machine.configuration.folder, copied.folder)
-        draw_truth(copied, machine.name, seed, environment)
-        yield machine.with_configuration(copied)
+    with changed_machine(machine, environment, _drawing(seed, environment)) as drawn:
+        yield drawn
 
 
 def draw_truth(configuration, name, seed, environment):
     """Overwrite the truth file of the machine `name` in `configuration` with random values, see `random_machine`."""
-    draw = np.random.default_rng(seed)
-    path = configuration.find('truth', name)
-    load_config(path, Truth)  # refuses a file that is none
-    truth = read_yaml(path)
-    if environment not in truth['environments']:
-        raise ConfigError(f'{path}: environment {environment!r} is unknown; known: {sorted(truth["environments"])}')
-    for axis in truth['axes'].values():
-        axis['gain_error'] = f'{100 * draw.uniform(-GAIN, GAIN)} %'
-        for mode in axis['modes']:
-            shift = 1 + draw.uniform(-RESONANCE, RESONANCE)
-            for key in ('resonance', 'antiresonance'):
-                mode[key] = f'{shift * _HERTZ(mode[key])} Hz'
-                mode[f'{key}_damping'] = _NUMBER(mode[f'{key}_damping']) * float(draw.uniform(*DAMPING))
-    truth['environments'][environment]['coulomb_friction'] = f'{draw.uniform(*FRICTION)} N'
-    path.write_text(yaml.safe_dump(truth, sort_keys=False), encoding='utf-8')
+    change_truth(configuration, name, environment, _drawing(seed, environment))
+
+
+def _drawing(seed, environment):
+    """Return the function that draws the values of a truth file."""
+
+    def change(truth):
+        draw = np.random.default_rng(seed)
+        for axis in truth['axes'].values():
+            axis['gain_error'] = f'{100 * draw.uniform(-GAIN, GAIN)} %'
+            for mode in axis['modes']:
+                shift = 1 + draw.uniform(-RESONANCE, RESONANCE)
+                for key in ('resonance', 'antiresonance'):
+                    mode[key] = f'{shift * _HERTZ(mode[key])} Hz'
+                    mode[f'{key}_damping'] = _NUMBER(mode[f'{key}_damping']) * float(draw.uniform(*DAMPING))
+        truth['environments'][environment]['coulomb_friction'] = f'{draw.uniform(*FRICTION)} N'
+
+    return change

@@ -22,15 +22,16 @@ from pkm_core.verbs.options import (
 
 
 class What(StrEnum):
-    """The experiment: a chapter of the thesis, or the targets of control and learning."""
+    """The experiment: a chapter of the thesis, the targets, or the constants that the learned error depends on."""
 
     planar = 'planar'
     four_dof = 'four_dof'
     targets = 'targets'
+    sensitivity = 'sensitivity'
 
 
 def experiment(
-    what: Annotated[What, typer.Argument(help='Chapter 7, chapter 8, or the targets of control and learning.')],
+    what: Annotated[What, typer.Argument(help='Chapter 7, chapter 8, targets, or sensitivity to the constants.')],
     seeds: Annotated[int, typer.Option(min=1, help='Number of noise seeds, counted from 1.')] = 5,
     cycles: Annotated[
         int, typer.Option(min=1, help='Evaluated cycles per run, after those in which learning converges.')
@@ -45,21 +46,28 @@ def experiment(
     Compare XY stage, computed torque, robust control and learning, with the spread over cycles and noise seeds.
 
     `planar` prints Tables 7.2 to 7.5 and `four_dof` Tables 8.2 and 8.3; --out adds their figures and tables.md.
-    End-point errors are measured by the laser. `targets` lists each target and whether it was met. Every arrangement
-    gives the same bits; --processes and --cluster apply to the simulation.
+    End-point errors are measured by the laser. `targets` lists each target and whether it was met. `sensitivity` shows
+    how the learned error depends on each chosen constant of the simulated machine; --out adds its figure. Every
+    arrangement gives the same bits; --processes and --cluster apply to the simulation.
 
     Example: `pkm experiment planar --out runs/planar --json planar.json`
 
     Example: `pkm experiment four_dof --seeds 1 --arrangement composed`
 
     Example: `pkm experiment targets`
+
+    Example: `pkm experiment sensitivity --out runs/sensitivity`
     """
     from pkm_core.experiments.report import markdown
 
     console, out = Output(), out_folder(out)
     workers = processes, cluster
+    if what in (What.targets, What.sensitivity) and arrangement is not Arrangement.simulation:
+        raise PkmError(f'--arrangement: {arrangement} given; {what} runs in simulation only')
     if what is What.targets:
-        tables, figures = _targets(console, arrangement, seeds, cycles, workers)
+        tables, figures = _targets(console, seeds, cycles, workers)
+    elif what is What.sensitivity:
+        tables, figures = _sensitivity(console, seeds, cycles, workers, out)
     else:
         tables, figures = _study(console, what.value, arrangement, seeds, cycles, workers, out)
     for table in tables:
@@ -96,16 +104,26 @@ def _study(console, what, arrangement, seeds, cycles, workers, out):
     return study_report(study)
 
 
-def _targets(console, arrangement, seeds, cycles, workers):
+def _targets(console, seeds, cycles, workers):
     """Run what the targets need and return their table and figures."""
     from pkm_core.experiments.report import targets_report
     from pkm_core.experiments.targets import target_tasks, targets
 
-    if arrangement is not Arrangement.simulation:
-        raise PkmError(f'--arrangement: {arrangement} given; targets run in simulation only')
     tasks = target_tasks(seeds, cycles)
     results = _farm(console, list(tasks.values()), workers)
     return targets_report(targets(dict(zip(tasks, results, strict=True))), seeds, cycles)
+
+
+def _sensitivity(console, seeds, cycles, workers, out):
+    """Run each constant at its levels and return the tables and figures."""
+    from pkm_core.experiments.sensitivity import sensitivity, sensitivity_report, sensitivity_tasks
+    from pkm_core.experiments.sensitivity_figure import draw_sensitivity
+
+    tasks = sensitivity_tasks(seeds, cycles)
+    found = sensitivity(dict(zip(tasks, _farm(console, list(tasks.values()), workers), strict=True)))
+    if out:
+        draw_sensitivity(out, found)
+    return sensitivity_report(found, seeds, cycles)
 
 
 def _farm(console, tasks, workers):
