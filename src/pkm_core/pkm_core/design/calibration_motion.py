@@ -6,6 +6,7 @@ import numpy as np
 
 from pkm_core.errors import TrajectoryError, WorkspaceError
 from pkm_core.motion.planning import LONGEST_CYCLE, Motion, Pose, Target, plan
+from pkm_core.motion.reach import refuse_pose
 from pkm_core.motion.trajectory import SampledTrajectory
 
 MOVE_TIME = 0.2  # [s] of every move; chosen: 40 mm take 0.4 m/s and 7 m/s^2, and excite the platform by 1 um
@@ -99,5 +100,6 @@ def _checked(machine, poses):
         try:
             machine.check_pose(pose)
         except WorkspaceError as error:
-            raise WorkspaceError(f'calibration: pose {number}: {error}') from None
+            home = machine.forward(machine.home)
+            raise refuse_pose(machine, f'calibration: pose {number}', pose, home, error) from None
     return poses

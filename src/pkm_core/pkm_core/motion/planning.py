@@ -1,10 +1,11 @@
 """
 Motions (config/motions/<name>.yaml or a list of poses) and their plan as a pose trajectory.
 
-A motion leaves home, visits its targets in order and returns home: it can be repeated and learned. All joints of a move
-start and stop together. A move is a straight line in joint space ('by', 'pose'), or a line or an arc of the end point.
-Every move has a rest before it and one after it. The rest before it is needed because the learning signal may begin
-before the move and the cycle boundary must lie inside a rest.
+A motion leaves home, visits its targets in order and returns home: it can be repeated and learned. With `stay` it
+leaves the place where the machine stands and ends at its last target. All joints of a move start and stop together. A
+move is a straight line in joint space ('by', 'pose'), or a line or an arc of the end point. Every move has a rest
+before it and one after it. The rest before it is needed because the learning signal may begin before the move and the
+cycle boundary must lie inside a rest.
 """
 
 from typing import Annotated, Literal
@@ -13,12 +14,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pkm_core.config import Angle, Config, Length, Time, find_config, load_config, read_yaml
-from pkm_core.errors import TrajectoryError, WorkspaceError
+from pkm_core.errors import TrajectoryError
 from pkm_core.jet import Jet
 from pkm_core.machines.base import ROUNDING
-from pkm_core.machines.checks import ANGLES
-from pkm_core.motion.paths import Arc, Line
 from pkm_core.motion.profiles import PROFILES, MotionLimits, fixed_profile, limited_profile
+from pkm_core.motion.targets import check_absent, joints_of_path, path_of, target_joints
 from pkm_core.motion.trajectory import DERIVATIVES, SampledTrajectory, checked_joints, with_derivatives
 
 LONGEST_CYCLE = 20.0  # [s] of moves and rests; the trajectory message then has 5 MB
@@ -62,7 +62,7 @@ class Target(Config):
 
 
 class Motion(Config):
-    """A motion of one machine: home, the targets in order, home."""
+    """A motion of one machine: home, the targets in order, home; with `stay` from anywhere, without the way home."""
 
     machine: Annotated[str, Field(description='name of the machine')]
     targets: Annotated[tuple[Target, ...], Field(min_length=1)]
@@ -74,13 +74,17 @@ class Motion(Config):
     lead_rest: Annotated[Time, Field(ge=0, description='before a move')] = 20e-3
     settle_window: Annotated[Time, Field(gt=0, description='after a move')] = 80e-3
     profile: Annotated[Literal[*PROFILES], Field(description='shape of a move over time')] = 'p7'
+    stay: Annotated[
+        bool, Field(description='begin where the machine stands and end at the last target, without the way home')
+    ] = False
 
     @model_validator(mode='after')
     def _timing_is_clear(self):
         if self.limits is not None and 'move_time' in self.model_fields_set:
             raise ValueError("both 'move_time' and 'limits' given; expected one of them")
         if self.limits is None:
-            _check_duration(len(self.targets), self.move_time, self.lead_rest, self.settle_window)
+            moves = len(self.targets) + (not self.stay)  # the way home is one
+            _check_duration(moves, self.move_time, self.lead_rest, self.settle_window)
         if self.profile == 'ruckig':
             limits = self.limits
             if limits is None or None in (limits.speed, limits.acceleration, limits.jerk) or limits.snap is not None:
@@ -88,8 +92,7 @@ class Motion(Config):
         return self
 
 
-def _check_duration(targets, move_time, lead_rest, settle_window):
-    moves = targets + 1  # the last one returns home
+def _check_duration(moves, move_time, lead_rest, settle_window):
     duration = moves * (move_time + lead_rest + settle_window)
     if duration > LONGEST_CYCLE:
         raise TrajectoryError(
@@ -103,9 +106,9 @@ def load_motion(name_or_path, configuration=None):
     return load_config(find_config('motions', name_or_path, configuration), Motion)
 
 
-def poses_motion(machine, poses, move_time=None, rest_time=None):
+def poses_motion(machine, poses, move_time=None, rest_time=None, *, stay=False):
     """
-    Return the `Motion` from home through `poses` and back home.
+    Return the `Motion` from home through `poses` and back home, or with `stay` to the last one.
 
     `poses` (m, n) has one row per pose in the order of `machine.coordinates` [m, rad]; `move_time` is the duration of
     one move [s], by default that of `Motion`. `rest_time` is the duration of the rest between two moves [s], by default
@@ -119,16 +122,21 @@ def poses_motion(machine, poses, move_time=None, rest_time=None):
         raise TrajectoryError(f'pose {row}: {names[column]} is {poses[row, column]}; expected a finite number')
     default = {name: Motion.model_fields[name].default for name in ('move_time', 'lead_rest', 'settle_window')}
     move_time = default['move_time'] if move_time is None else move_time
-    if not 0 < move_time < np.inf:
-        raise TrajectoryError(f'move time is {move_time} s; expected a positive number')
+    check_move_time(move_time)
     lead, settle = default['lead_rest'], default['settle_window']
     if rest_time is not None:
         if not lead < rest_time < np.inf:
             raise TrajectoryError(f'rest time is {rest_time} s; expected more than {lead:g} s')
         settle = rest_time - lead
-    _check_duration(len(poses), move_time, lead, settle)
+    _check_duration(len(poses) + (not stay), move_time, lead, settle)
     targets = tuple(Target(pose=Pose(**dict(zip(names, row, strict=True)))) for row in poses.tolist())
-    return Motion(machine=machine.name, targets=targets, move_time=move_time, settle_window=settle)
+    return Motion(machine=machine.name, targets=targets, move_time=move_time, settle_window=settle, stay=stay)
+
+
+def check_move_time(move_time):
+    """Refuse a `move_time` [s] that is not positive and finite."""
+    if not 0 < move_time < np.inf:
+        raise TrajectoryError(f'move time is {move_time} s; expected a positive number')
 
 
 def pose_rows(machine, poses):
@@ -142,7 +150,7 @@ def pose_rows(machine, poses):
 
     """
     for row, pose in enumerate(poses):
-        _check_absent(f'pose {row}', machine, pose)
+        check_absent(f'pose {row}', machine, pose)
     return np.array([[pose[name] for name in machine.coordinates] for pose in poses])
 
 
@@ -155,9 +163,11 @@ def still_moves(machine, trajectory):
     return f'{machine.name}: nothing moves in {len(still)} of {len(trajectory.move_starts)} moves: {still[:10]}'
 
 
-def plan(machine, motion, check=None):
+def plan(machine, motion, check=None, start=None):
     """
     Return the pose trajectory of one cycle of `motion`.
+
+    `start` (n,) [m] is where the machine stands, by default home. A motion without `stay` begins and ends at home.
 
     `check(trajectory)` raises a `TrajectoryError` for a trajectory in joints that is refused for another reason than
     the limits of the machine, such as `drive_check` of pkm_core.control.
@@ -166,19 +176,35 @@ def plan(machine, motion, check=None):
     ------
     TrajectoryError
         If the motion is for another machine, has an unknown joint or coordinate, a duration that is not a multiple of
-        the sample time or an arc without a circle, or a joint exceeds the limit of speed or thrust.
+        the sample time or an arc without a circle, or a joint exceeds the limit of speed or thrust; without `stay`, if
+        the machine does not stand at home.
     WorkspaceError
         If a target or a point of a path is out of reach.
 
     """
     if motion.machine != machine.name:
         raise TrajectoryError(f'motion is for {motion.machine}; the machine is {machine.name}')
-    joints = _joint_trajectory(machine, motion)
+    start = _start(machine, motion, start)
+    joints = _joint_trajectory(machine, motion, start)
     try:
         _check_limits(machine, joints, check)
     except TrajectoryError as error:
-        raise TrajectoryError(f'{error}{_advice(machine, motion, check)}') from None
+        raise TrajectoryError(f'{error}{_advice(machine, motion, start, check)}') from None
     return with_derivatives(joints, machine.coordinates, machine.forward(Jet.from_derivatives(*joints.derivatives())))
+
+
+def _start(machine, motion, start):
+    """Return the joint positions (n,) [m] at the first sample; `start` may be None."""
+    if start is None:
+        return machine.home
+    off = start - machine.home
+    column = int(np.argmax(np.abs(off)))
+    if not motion.stay and abs(off[column]) > ROUNDING:
+        raise TrajectoryError(
+            f'motion: begins and ends at home; the machine stands elsewhere, {machine.joints[column]} by '
+            f'{off[column] * 1e3:.4g} mm; call the action home first, or give stay'
+        )
+    return start if motion.stay else machine.home
 
 
 def _check_limits(machine, joints, check):
@@ -187,28 +213,33 @@ def _check_limits(machine, joints, check):
         check(joints)
 
 
-def _advice(machine, motion, check):
+def _advice(machine, motion, start, check):
     """Return a hint for a motion that is too fast: the shortest move time within the limits of the machine."""
     if motion.limits is not None:
         return ''
+    return f'; shortest allowed move_time: {shortest_move_time(machine, motion, start, check) * 1e3:g} ms'
+
+
+def shortest_move_time(machine, motion, start, check=None):
+    """Return the shortest `move_time` [s] for `motion` from `start` (n,) [m], above that of `motion`; see `plan`."""
     shortest, longest = _samples(machine, motion, 'move_time'), round(LONGEST_CYCLE / 4 / machine.sample_time)
     while shortest + 1 < longest:
         samples = (shortest + longest) // 2
         try:
             slower = motion.model_copy(update={'move_time': samples * machine.sample_time})
-            _check_limits(machine, _joint_trajectory(machine, slower), check)
+            _check_limits(machine, _joint_trajectory(machine, slower, start), check)
             longest = samples
         except TrajectoryError:
             shortest = samples
-    return f'; shortest allowed move_time: {longest * machine.sample_time * 1e3:g} ms'
+    return longest * machine.sample_time
 
 
-def _joint_trajectory(machine, motion):
+def _joint_trajectory(machine, motion, start):
     lead, settle = (_samples(machine, motion, name) for name in ('lead_rest', 'settle_window'))
     rest = np.zeros((3, len(machine.joints)))
     rows, starts, ends = [[] for _ in DERIVATIVES], [], []
-    position, done = machine.home, 0
-    for index, target in enumerate((*motion.targets, None)):
+    position, done = start, 0
+    for index, target in enumerate(motion.targets if motion.stay else (*motion.targets, None)):
         where = 'motion: way home' if target is None else f'motion: target {index}'
         if target is None and np.abs(position - machine.home).max() < ROUNDING:
             break  # the last target was home
@@ -232,14 +263,11 @@ def _joint_trajectory(machine, motion):
 def _move(machine, motion, where, target, position):
     """Return joint position, velocity, acceleration and jerk (m + 1, n) of one move from `position` (n,)."""
     if target is not None and target.by is None and target.pose is None:
-        path = _path(machine, where, target, position)
+        path = path_of(machine, where, target, position)
         duration, profile = _timing(machine, motion, where, path.length)
         s = Jet.from_derivatives(*(shape / duration**order for order, shape in enumerate(profile)))
-        try:
-            return machine.inverse(path.at(s)).derivatives()
-        except WorkspaceError as error:
-            raise WorkspaceError(f'{where}: {error}') from None
-    end = machine.home if target is None else _target_joints(machine, where, target, position)
+        return joints_of_path(machine, where, path.at(s), position).derivatives()
+    end = machine.home if target is None else target_joints(machine, where, target, position)
     change = end - position
     duration, profile = _timing(machine, motion, where, np.abs(change).max())
     move = [shape[:, None] * change / duration**order for order, shape in enumerate(profile)]
@@ -267,56 +295,6 @@ def _samples(machine, motion, name):
     if samples == 0 and name != 'lead_rest':
         raise TrajectoryError(f'motion: {name} is {duration:g} s; expected at least {machine.sample_time * 1e3:g} ms')
     return samples
-
-
-def _path(machine, where, target, position):
-    """Return the `Line` or `Arc` of a target."""
-    start = machine.forward(position)
-    lengths = [i for i, name in enumerate(machine.coordinates) if name not in ANGLES]
-    if target.line is not None:
-        return Line(start, _pose(machine, where, target.line), lengths)
-    via = target.arc.via.model_dump(exclude_none=True)
-    _check_absent(f'{where}: via', machine, via)
-    via = {name: value for name, value in via.items() if name in machine.coordinates or value}
-    _check_names(f'{where}: via', via, [machine.coordinates[i] for i in lengths], exactly=True)
-    try:
-        return Arc(start, np.array(list(via.values())), _pose(machine, where, target.arc.to), lengths)
-    except TrajectoryError as error:
-        raise TrajectoryError(f'{where}: {error}') from None
-
-
-def _pose(machine, where, pose):
-    """Return the pose (m,) [m, rad] of a target, checked to be within reach."""
-    given = pose.model_dump(exclude_none=True)
-    _check_absent(where, machine, given)
-    given = {name: value for name, value in given.items() if name in machine.coordinates}
-    _check_names(where, given, machine.coordinates, exactly=True)
-    pose = np.array([given[name] for name in machine.coordinates])
-    try:
-        machine.check_pose(pose)
-    except WorkspaceError as error:
-        raise WorkspaceError(f'{where}: {error}') from None
-    return pose
-
-
-def _target_joints(machine, where, target, position):
-    if target.pose is not None:
-        return machine.inverse(_pose(machine, where, target.pose))
-    _check_names(where, target.by, machine.joints, exactly=False)
-    return position + np.array([target.by.get(joint, 0.0) for joint in machine.joints])
-
-
-def _check_absent(where, machine, pose):
-    """Refuse a value other than 0 of a coordinate that the machine lacks."""
-    for name, value in pose.items():
-        if name not in machine.coordinates and value != 0:  # NaN is not 0
-            unit = 'rad' if name in ANGLES else 'm'
-            raise TrajectoryError(f'{where}: {name} is {value:g} {unit}; {machine.name} has no {name}, expected 0')
-
-
-def _check_names(where, given, known, *, exactly):
-    if not set(given) <= set(known) or (exactly and set(given) != set(known)):
-        raise TrajectoryError(f'{where}: names {sorted(given)}; {"expected" if exactly else "known:"} {list(known)}')
 
 
 def default_motion(machine):

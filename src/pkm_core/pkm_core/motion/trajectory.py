@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pkm_core.errors import TrajectoryError
+from pkm_core.errors import TrajectoryError, WorkspaceError
 from pkm_core.jet import Jet
+from pkm_core.motion.reach import refuse_pose
 
 AT_HOME = 1e-6  # m; a cycle begins where the one before has ended, but for rounding
 DERIVATIVES = ('position', 'velocity', 'acceleration', 'jerk')
@@ -76,9 +77,24 @@ def to_joints(machine, trajectory):
     """
     if trajectory.coordinates != machine.coordinates:
         raise TrajectoryError(f'trajectory: coordinates {trajectory.coordinates}; expected {machine.coordinates}')
-    machine.check_pose(trajectory.position)
+    try:
+        machine.check_pose(trajectory.position)
+    except WorkspaceError:
+        _refuse_sample(machine, trajectory.position)
+        raise
     joints = machine.inverse(Jet.from_derivatives(*trajectory.derivatives()))
     return checked_joints(machine, with_derivatives(trajectory, machine.joints, joints))
+
+
+def _refuse_sample(machine, poses):
+    """Raise the `WorkspaceError` of the first of `poses` (N, m) that is out of reach, seen from the one before."""
+    start = machine.forward(machine.home)
+    for sample, pose in enumerate(poses):
+        try:
+            machine.check_pose(pose)
+        except WorkspaceError as error:
+            raise refuse_pose(machine, f'trajectory: sample {sample}', pose, start, error) from None
+        start = pose
 
 
 def with_derivatives(trajectory, coordinates, jet):
@@ -118,24 +134,41 @@ def checked_joints(machine, trajectory):
     return trajectory
 
 
-def checked_cycle(machine, trajectory):
+def checked_cycle(machine, trajectory, start=None, *, stay=False, tolerance=AT_HOME):
     """
-    Return the joint `trajectory` if it can be run as a cycle: within the limits, from home to home.
+    Return the joint `trajectory` if it can be run as a cycle: within the limits, from where the machine stands.
+
+    Parameters
+    ----------
+    machine : Machine
+        Has the limits.
+    trajectory : SampledTrajectory
+        In joints.
+    start : ndarray, shape (n,), optional
+        Where the machine stands [m], by default home.
+    stay : bool
+        Whether it may end elsewhere; otherwise it ends where it begins.
+    tolerance : float
+        Allowed distance of the first sample from `start` [m].
 
     Raises
     ------
     TrajectoryError
-        As `checked_joints`, or if a joint is further than `AT_HOME` from home at the first or the last sample.
+        As `checked_joints`, or with the joint, its distance and the allowed one.
 
     """
     checked_joints(machine, trajectory)
-    for sample in (0, -1):
-        off = trajectory.position[sample] - machine.home
+    at_home = start is None or np.array_equal(start, machine.home)
+    ends = [(0, machine.home if at_home else start, 'home' if at_home else 'where the machine stands', tolerance)]
+    if not stay:
+        ends.append((-1, ends[0][1] if at_home else trajectory.position[0], ends[0][2], AT_HOME))
+    for sample, place, name, allowed in ends:
+        off = trajectory.position[sample] - place
         column = int(np.argmax(np.abs(off)))
-        if abs(off[column]) > AT_HOME:
+        if abs(off[column]) > allowed:
             raise TrajectoryError(
-                f'trajectory: {machine.joints[column]} is {off[column] * 1e3:.4g} mm from home at the '
-                f'{"first" if sample == 0 else "last"} sample; allowed {AT_HOME * 1e6:g} um'
+                f'trajectory: {machine.joints[column]} is {off[column] * 1e3:.4g} mm from {name} at the '
+                f'{"first" if sample == 0 else "last"} sample; allowed {allowed * 1e6:g} um'
             )
     return trajectory
 

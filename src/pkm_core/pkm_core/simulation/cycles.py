@@ -17,6 +17,7 @@ from pkm_core.control.model import load_model
 from pkm_core.errors import PkmError
 from pkm_core.learning.monitor import LEARNED, Monitor
 from pkm_core.motion.metrics import AxisMetrics, axis_metrics
+from pkm_core.motion.trajectory import AT_HOME
 from pkm_core.plant.laser import Laser, LaserSamples
 from pkm_core.plant.plant import Plant
 from pkm_core.simulation.compiled import run_cycle
@@ -91,6 +92,8 @@ def run_cycles(
         If the plant stops with a fault; with cycle and sample.
 
     """
+    if cycles > 1 and np.abs(trajectory.position[-1] - trajectory.position[0]).max() > AT_HOME:
+        raise PkmError(f'cycles: {cycles} of a motion that ends elsewhere than where it begins; allowed: 1')
     plant = Plant(machine, seed, environment)
     controller = make_controller(machine, gains) if controller is None else controller
     records = _empty_records(machine, cycles, trajectory, start)
