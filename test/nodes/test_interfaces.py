@@ -19,6 +19,7 @@ from pkm_nodes.nodes.joint_controller import JointControllerNode
 from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
+from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 
 ROOT = Path(__file__).parents[2]
 LAYOUTS = ROOT / 'src' / 'pkm_nodes' / 'layouts'
@@ -96,11 +97,14 @@ def test_topics_are_published_by_the_documented_nodes(nodes, machine):
 
 
 def test_every_subscribed_topic_has_a_publisher(nodes, documented):
+    """That of a command topic is a client."""
+    commands = {row['topic'].strip('`'): (row['type'],) for row in tables('Command topics')}
+    known = documented | commands
     for node in nodes:
         for subscription in node.subscriptions:
             if not OF_ROS.fullmatch(subscription.topic_name):
-                assert subscription.topic_name in documented, node.get_name()
-                assert type_name(subscription.msg_type) == documented[subscription.topic_name][0]
+                assert subscription.topic_name in known, node.get_name()
+                assert type_name(subscription.msg_type) == known[subscription.topic_name][0]
 
 
 def test_every_service_and_action_is_documented(graph, nodes, machine):
@@ -129,6 +133,7 @@ def test_keys_of_diagnostics_are_documented(graph, machine, tmp_path):
     graph.start(JointControllerNode)
     graph.start(RecorderNode, folder=str(tmp_path))
     graph.start(StateEstimatorNode)
+    graph.start(TrajectoryGeneratorNode)
     latest = {}
 
     def has_all():

@@ -116,8 +116,14 @@ def test_trajectory_is_resent_until_the_machine_starts(graph, goals, stand_in):
         ({'poses': [NEAR_HOME], 'rest_time': 0.01}, 'rest time is 0.01 s; expected more than 0.02 s'),
         ({}, "goal: motion '', 0 poses and experiment ''; give one of them"),
         ({'poses': [NEAR_HOME, NAN]}, 'pose 1: z is nan; expected a finite number'),
-        ({'poses': [BELOW_THE_TABLE]}, 'target 0: z = -50 mm; allowed 10 to 126.6 mm (length of links 10 and 12)'),
-        ({'poses': [NEAR_HOME, BEYOND_TRAVEL]}, 'target 1: d1 = 59 mm; allowed 59.5 to 99.5 mm (travel)'),
+        (
+            {'poses': [BELOW_THE_TABLE]},
+            'there z may go from 121.06 to 124.88 mm (z = -50 mm; allowed 10 to 126.6 mm (length of links 10 and 12))',
+        ),
+        (
+            {'poses': [NEAR_HOME, BEYOND_TRAVEL]},
+            'or phi may go from -57.65 to -33.50 deg (d1 = 59 mm; allowed 59.5 to 99.5 mm (travel))',
+        ),
         ({'poses': [NEAR_HOME], 'move_time': 0.004}, 'm/s; allowed 0.8 m/s'),
         ({'poses': [NEAR_HOME], 'move_time': 0.0701}, 'move_time is 70.1 ms; expected a multiple of 0.5 ms'),
         ({'poses': [NEAR_HOME], 'move_time': -0.07}, 'move time is -0.07 s; expected a positive number'),

@@ -65,6 +65,7 @@ class Cell:
                     'learning_law': 'fourier',
                     'sample_time': TS,
                     'planned': '',
+                    'stay': False,
                 },
                 coordinates=list(JOINTS),
                 **values,

@@ -47,6 +47,7 @@ def trajectory_to_msg(
     feedforward=None,
     planned='',
     geometry='',
+    stay=False,
 ):
     """
     Return a trajectory as a message.
@@ -67,6 +68,8 @@ def trajectory_to_msg(
         Digest of the planned positions, if `trajectory` has a correction learned at the tool.
     geometry : str
         Hash of the kinematics it was computed with, '' if it is not to be checked.
+    stay : bool
+        Whether the cycle may end elsewhere than where it begins.
 
     """
     message = SampledTrajectoryMessage(
@@ -76,6 +79,7 @@ def trajectory_to_msg(
         learning_law=learning_law,
         planned=planned,
         geometry=geometry,
+        stay=stay,
         sample_time=trajectory.sample_time,
         coordinates=list(trajectory.coordinates),
         move_starts=[int(i) for i in trajectory.move_starts],

@@ -16,6 +16,9 @@ FOREIGN = 'foreign messages'  # machine, controllers, recorder: messages of othe
 OTHERS = 'other publishers'  # machine, controllers: topics with further publishers, and their nodes; '' without one
 COVARIANCE = 'covariance'  # state_estimator: origin of the covariance of the pose
 GEOMETRY = 'geometry'  # state_estimator: hash of the kinematics in use
+GOAL = 'goal'  # trajectory_generator: the running goal or command and its cycle, '' without one
+REFUSED_COMMANDS = 'refused commands'  # trajectory_generator: commands by topic that were not run to their end
+REFUSAL = 'refusal'  # trajectory_generator: why the last command by topic was not, '' if it was
 FAILURE = 'failure'  # recorder: why the last cycle was not recorded, '' if it was
 
 

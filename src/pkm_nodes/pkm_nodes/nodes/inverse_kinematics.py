@@ -62,6 +62,7 @@ class InverseKinematicsNode(PkmNode):
                     feedforward=feedforward,
                     geometry=geometry,
                     planned=planned,
+                    stay=message.stay,
                 )
             )
 

@@ -27,7 +27,7 @@ from pkm_core.plant.plant import Plant
 from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
 from pkm_core.servo.cycle_run import SEND_SAMPLES, CycleRun, CycleState
 from pkm_core.servo.tick_barrier import TickBarrier
-from pkm_interfaces.msg import CycleEvent, EncoderSample
+from pkm_interfaces.msg import CycleEvent, EncoderSample, Standing
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.messages.conversions import time_of_tick
 from pkm_nodes.messages.diagnostics import CYCLE, FAULT, FOREIGN, OTHERS, REFUSED, STATE, TICK, diagnostics
@@ -91,6 +91,7 @@ class MachineNode(PkmNode):
         self._events = CycleEvents(self, 'machine')
         self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
+        self._standing = self.create_publisher(Standing, 'machine/standing', LAST_VALUE_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         subscribe_events(self, self._on_event, self._joints)
         self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick, size=UINT64.size)
@@ -102,6 +103,7 @@ class MachineNode(PkmNode):
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.05, self._watch, clock=wall)
         self.create_timer(1.0, self._publish_diagnostics, clock=wall)
+        self._report_standing()
 
     def _on_command(self, joint, data):
         tick, _, voltage, _, _ = unpack_command(data)
@@ -160,13 +162,21 @@ class MachineNode(PkmNode):
                 case Finish(cycle, samples):
                     self._laser.publish()
                     self._report_intruders()
+                    self._report_standing()
                     self._publish_event(CycleEvent.FINISHED, cycle, samples=samples)
                 case Refuse(cycle, reason):
                     self._publish_event(CycleEvent.REFUSED, cycle, message=reason)
                 case StopSafely(cycle, samples, reason):
                     self._stop_safely(reason)
                     self._report_intruders()
+                    self._report_standing()
                     self._publish_event(CycleEvent.FAULT, cycle, samples=samples, message=reason)
+
+    def _report_standing(self):
+        """Publish where the machine stands, by its encoders."""
+        position = (self._plant.counts * self._resolution).tolist()
+        named = {'joints': list(self._joints), 'position': position}
+        self._standing.publish(Standing(cycle=self._run.cycle, tick=self._barrier.tick, **named))
 
     def _report_intruders(self):
         """Publish a NOTICE if there are publishers whose messages are dropped, once per cycle for each of them."""
@@ -230,6 +240,7 @@ class MachineNode(PkmNode):
                 case GoHome(cycle, message):
                     self._plant.reset()
                     self._laser.zero(self._barrier.tick, self._plant.truth)
+                    self._report_standing()
                     self._publish_event(CycleEvent.RESET, cycle)
                     response.success, response.message = True, message
                 case RefuseReset(message):

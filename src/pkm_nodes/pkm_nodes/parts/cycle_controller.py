@@ -14,7 +14,7 @@ from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.metrics import axis_metrics
-from pkm_core.motion.trajectory import SampledTrajectory, checked_cycle
+from pkm_core.motion.trajectory import SampledTrajectory
 from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerState
 from pkm_interfaces.msg import CycleError, CycleEvent, CycleMetrics, MotorCommand
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
@@ -22,6 +22,7 @@ from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from
 from pkm_nodes.messages.diagnostics import CYCLE, FOREIGN, NOTICE, OTHERS, REFUSED, STATE, diagnostics
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.encoder_crowd import EncoderCrowd
+from pkm_nodes.parts.follow_standing import follow_standing
 from pkm_nodes.parts.one_source import subscribe_joint_trajectory
 from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.node import CYCLE_QOS
@@ -159,6 +160,7 @@ class CycleController:
         self._error = [node.create_publisher(CycleError, f'{joint}/cycle_error', CYCLE_QOS) for joint in events]
         subscribe_events(node, self._on_event)  # first: a reset must be served before the trajectory that follows it
         subscribe_joint_trajectory(node, self._on_trajectory)
+        self._standing = follow_standing(node, machine)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._retry = node.create_timer(_RETRY, self.load_if_possible, clock=wall)
         self._retry.cancel()
@@ -181,6 +183,7 @@ class CycleController:
             for events in self._events.values():
                 events.publish(CycleEvent.NOTICE, self.cycle.last, message=others)
         loaded = self._loaded
+        self._standing.ended(self.cycle.last, loaded.trajectory.position[-1])
         moves = loaded.trajectory.move_starts, loaded.trajectory.move_ends
         for joint, error, whole in zip(self._events, loaded.errors.T, self._error, strict=True):
             whole.publish(CycleError(cycle=loaded.message.cycle, joint=joint, error=array('d', error.tobytes())))
@@ -234,6 +237,8 @@ class CycleController:
         if event.event == CycleEvent.ANNOUNCED:
             self._announced = event.cycle
         stopped = event.event == CycleEvent.STOP and self.cycle.is_stopped_by(event.cycle)
+        if event.event == CycleEvent.RESET:
+            self._standing.reset()
         if stopped or event.event == CycleEvent.RESET:
             self.drop()
 
@@ -252,7 +257,7 @@ class CycleController:
                     f'or call machine/reset if it has none'
                 )
             trajectory = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
-            checked_cycle(machine, trajectory)  # also what a trajectory source of the user sends
+            self._standing.check(trajectory, stay=message.stay)  # also what a trajectory source of the user sends
             feedforward = feedforward_from_msg(message, trajectory.position.shape)
             self._law.check(message)
         except PkmError as error:

@@ -1,0 +1,114 @@
+"""Commands by topic: trajectory_msgs/JointTrajectory, run as one recorded cycle that stays where it ends."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.serialization import deserialize_message
+from trajectory_msgs.msg import JointTrajectory
+
+from pkm_core.errors import PkmError
+from pkm_core.motion.joint_command import Point, describe_samples, sampled_command
+from pkm_core.motion.trajectory import checked_joints
+from pkm_nodes.messages.diagnostics import GOAL, REFUSAL, REFUSED_COMMANDS, STATE, diagnostics
+from pkm_nodes.runtime.groups import SenderGroup
+from pkm_nodes.runtime.log_throttle import LogThrottle
+from pkm_nodes.runtime.node import CYCLE_QOS
+
+TOPIC = 'joint_trajectory_command'
+
+
+class JointCommands:
+    """
+    Takes joint_trajectory_command for `node`, the trajectory_generator, and publishes its diagnostics.
+
+    A refusal is a line in the log, a NOTICE event and a warning in the diagnostics until the next command is taken.
+
+    Parameters
+    ----------
+    node : PkmNode
+        Runs the coroutine of a command in its executor.
+    cycles : GoalCycles
+        Has the running goal and the place where the machine stands.
+    plans : GoalPlans
+        Checks a command by the model of the drives.
+    run : callable
+        Coroutine function ``run(planned)`` that runs one cycle; `PkmError` if it does not end well.
+
+    """
+
+    def __init__(self, node, cycles, plans, run):
+        self._node, self._cycles, self._plans, self._run = node, cycles, plans, run
+        self._refused, self._refusal = 0, ''
+        self._log = LogThrottle(node.get_logger(), is_error=True)
+        self._topic = node.create_subscription(
+            JointTrajectory, TOPIC, self._on_command, CYCLE_QOS, callback_group=SenderGroup(), raw=True
+        ).topic_name
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        node.create_timer(1.0, self._publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_command(self, data, sender=b''):
+        try:
+            message = _read(data)
+            self._cycles.refuse_second(f'{TOPIC} of {self._name_of(sender)}')
+            planned = self._plan(message)
+        except PkmError as refusal:
+            self._refuse(str(refusal))
+            return
+        self._refusal = ''
+        self._cycles.goal = f'{TOPIC} of {self._name_of(sender)}'  # from now on another one is refused
+        self._node.executor.create_task(self._perform(planned))
+
+    def _plan(self, message):
+        machine = self._plans.machine
+        joints = sampled_command(machine, message.joint_names, _points(message), self._cycles.standing.position)
+        try:
+            checked_joints(machine, joints)
+            return self._plans.of_joints(joints, TOPIC)
+        except PkmError as error:
+            raise PkmError(f'joint {error} ({describe_samples(machine)})') from None
+
+    async def _perform(self, planned):
+        try:
+            await self._run(planned)
+        except PkmError as error:
+            self._refuse(str(error))
+
+    def _refuse(self, reason):
+        self._refused, self._refusal = self._refused + 1, reason
+        self._log(f'{self._topic}: refused: {reason}', TOPIC)
+        self._cycles.publish_notice(f'{TOPIC}: {reason}')
+
+    def _name_of(self, sender):
+        """Return the node that sent a message, or all nodes that may have if its GID is unknown."""
+        infos = self._node.get_publishers_info_by_topic(self._topic)
+        names = {bytes(info.endpoint_gid): f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos}
+        return names.get(sender) or ', '.join(sorted(set(names.values()))) or 'a node that has left'
+
+    def _publish_diagnostics(self):
+        goal = self._cycles.goal
+        level = DiagnosticStatus.WARN if self._refusal else DiagnosticStatus.OK
+        values = {STATE: 'running' if goal else 'standing', GOAL: goal}
+        values |= {REFUSED_COMMANDS: self._refused, REFUSAL: self._refusal}
+        text = f'last command refused: {self._refusal}' if self._refusal else goal or 'no goal'
+        stamp = self._node.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostics(self._node, level, text, values, stamp))
+
+
+def _read(data):
+    try:
+        return deserialize_message(data, JointTrajectory)
+    except (RuntimeError, ValueError, OverflowError) as error:
+        raise PkmError(f'message of {len(data)} bytes is no JointTrajectory: {error}') from None
+
+
+def _points(message):
+    return [
+        Point(
+            each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec,
+            tuple(each.positions),
+            tuple(each.velocities),
+            tuple(each.accelerations),
+            tuple(each.effort),
+        )
+        for each in message.points
+    ]
