@@ -51,6 +51,8 @@ setup(
             'page = pkm_nodes.verbs.page:page',
             'parameters = pkm_nodes.verbs.parameters:parameters',
             'run = pkm_nodes.verbs.run:run',
+            'go-to = pkm_nodes.verbs.go_to:go_to',
+            'home = pkm_nodes.verbs.go_to:home',
             'stop = pkm_nodes.verbs.stop:stop',
         ],
         # what `pkm experiment --arrangement` finds the graph by
