@@ -230,10 +230,14 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
 
         learned = goal.learned.resolve() if goal.learned else ''
 
+        shown = ''  # pause of the machine
+
         def check_and_tell():
+            nonlocal shown
             check()
-            if client.machine.pause:
-                bar.show(name=f'{what}: {client.machine.pause}')
+            if client.machine.pause != shown:
+                shown = client.machine.pause
+                bar.show(name=f'{what}: {shown}' if shown else what)
 
         log = client.execute(goal.motion, goal.cycles, goal.law, check_and_tell, on_feedback, learned=learned)
         pace = client.pace_figures(check) if cell_options['pace'] else client.machine.figures()
