@@ -222,6 +222,7 @@ def test_restarted_machine_resets_the_cycle_number(graph, dashboard, machine):
         ({'state': 'standing'}, OK, Status.STANDING, ''),
         ({'state': 'running'}, OK, Status.RUNNING, ''),
         ({'state': 'held'}, OK, Status.RUNNING, ''),
+        ({'state': 'paused'}, OK, Status.RUNNING, ''),
         ({'state': 'faulted', 'fault': 'tick 3: hit'}, ERROR, Status.FAULT, 'tick 3: hit'),
         ({}, OK, Status.STANDING, ''),
         ({}, ERROR, Status.FAULT, 'running, fault: of a drive'),

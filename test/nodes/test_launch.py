@@ -125,6 +125,18 @@ def test_invalid_namespace_is_refused(launch):
         launch(namespace='a b')
 
 
+@pytest.mark.parametrize('arrangement', ['composed', 'processes'])
+def test_pace_and_time_reach_the_machine(launch, arrangement):
+    node = launch(arrangement=arrangement, pace='1', time='continuous')[0]
+    assert {'pace': 1.0, 'time': 'continuous'}.items() <= node.parameters[0].items()
+
+
+@pytest.mark.parametrize('pace', ['fast', 'nan', '-1', '0.001', ''])
+def test_invalid_pace_is_refused_with_its_range(launch, pace):
+    with pytest.raises(PkmError, match=r'pace: .* given; allowed: 0 \(as fast as possible\), or 0.01 to 1000'):
+        launch(pace=pace)
+
+
 @pytest.mark.parametrize('seed', ['x', '-1', '1.5', ''])
 def test_seed_must_be_a_whole_number(launch, seed):
     with pytest.raises(PkmError, match=re.escape(f"seed: '{seed}' given; expected an integer, 0 or more")):

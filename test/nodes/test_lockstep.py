@@ -1,7 +1,7 @@
 """The lock-step executor in a thread, with nodes that answer each other's messages."""
 
 from threading import Thread
-from time import process_time, sleep
+from time import monotonic, process_time, sleep
 
 import pytest
 import rclpy
@@ -17,6 +17,7 @@ from std_msgs.msg import UInt64
 from std_srvs.srv import Trigger
 
 from pkm_nodes.messages.tick_messages import UINT64
+from pkm_nodes.runtime.alarm import Alarm
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.lockstep import LockstepExecutor
 from pkm_nodes.runtime.node import TICK_QOS, PkmNode
@@ -31,11 +32,15 @@ class Player(PkmNode):
         self.poison = None
         self.heard = []
         self.timer_calls = 0
+        self.alarm = Alarm(self, self._on_alarm)
+        self.lags = []  # [s] from the time of the alarm to its ring
+        self.period, self.rings = 0.0, 0  # [s] between alarms, and how many are left
         self.ball = self.setting('ball', 'red', 'what is played with')
         self._publisher = self.create_publisher(UInt64, says, TICK_QOS)
         self.subscription = self.on_tick_topic(UInt64, hears, self._on_number, size=UINT64.size)
         self.create_service(Trigger, f'{name}/greet', self._on_greet)
         self.create_service(Trigger, f'{name}/await', self._on_await)
+        self.create_service(Trigger, f'{name}/ring', self._on_ring)
         self.awaited = None
         self.create_timer(0.01, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -46,6 +51,21 @@ class Player(PkmNode):
             raise ZeroDivisionError(number)
         if number < self.last:
             self._publisher.publish(UInt64(data=number + 1))
+
+    def _on_alarm(self):
+        self.lags.append(monotonic() - self.due)
+        self._next_alarm()
+
+    def _next_alarm(self):
+        if self.rings:
+            self.rings -= 1
+            self.due = monotonic() + self.period
+            self.alarm.set(self.due)
+
+    def _on_ring(self, _, response):
+        """Begin the alarms."""
+        self._next_alarm()
+        return response
 
     async def _on_await(self, _, response):
         """Answer when the test sets the future `awaited`."""
@@ -220,6 +240,51 @@ def test_awaiting_callback_blocks_its_group_and_resumes(graph, game):
     pong.awaited.set_result('now')
     graph.spin_until(lambda: awaited.done() and greeting.done(), 'both answers')
     assert awaited.result().message == 'now'
+
+
+def ring(graph, game, period, rings):
+    """Let ping set an alarm `rings` times, each `period` [s] after the one before has rung."""
+    ping = game.players[0]
+    ping.period, ping.rings, ping.lags = period, rings, []
+    graph.call(Trigger, 'ping/ring')
+    return ping
+
+
+def test_alarm_rings_as_often_as_it_was_set_and_never_early(graph, game):
+    ping = ring(graph, game, 1e-3, 200)
+    graph.spin_until(lambda: len(ping.lags) == 200, 'the alarms')
+    graph.spin_in_silence()
+    assert len(ping.lags) == 200
+    assert min(ping.lags) >= 0.0
+
+
+def test_ticks_and_others_are_served_while_an_alarm_is_set(graph, game, serve):
+    ping = ring(graph, game, 3600.0, 1)
+    calls = ping.timer_calls
+    game.allow(500)
+    serve(1)
+    graph.spin_until(lambda: len(game.heard()) == 500, 'number 500')
+    graph.spin_until(lambda: len(game.listener.heard) == 500, 'the listener')
+    assert graph.call(Trigger, 'pong/greet').success
+    graph.spin_until(lambda: ping.timer_calls > calls, 'the timer')
+    assert ping.lags == []
+
+
+def test_alarm_replaces_the_one_set_before(graph, game):
+    ring(graph, game, 3600.0, 1)
+    ping = ring(graph, game, 0.01, 1)
+    graph.spin_until(lambda: ping.lags, 'the alarm')
+    graph.spin_in_silence()
+    assert len(ping.lags) == 1
+
+
+def test_alarm_rings_although_entities_come_and_go(graph, game):
+    """The executor then collects its entities again."""
+    ping = ring(graph, game, 1e-3, 100)
+    while len(ping.lags) < 100:
+        game.players[1].destroy_timer(game.players[1].create_timer(3600.0, lambda: None))
+        graph.spin_until(lambda: True, 'one turn')
+        sleep(0.002)
 
 
 def test_idle_executor_costs_no_cpu(graph, game, serve):

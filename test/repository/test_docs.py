@@ -51,6 +51,7 @@ EXPECTED = {
     'param get': 'String value is: d1',
     'param set': 'Set parameter successful',
     'service call /pkm/machine/reset': 'success=True',
+    'service call /pkm/machine/pause': 'success=True',
     'pkm report': 'report.html',
     'pkm calibrate': 'the calibrated machine is ',  # calibrate-cell too
     'pkm convergence': '',

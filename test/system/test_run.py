@@ -32,14 +32,14 @@ JOINTS = ('d1', 'd3', 'd5', 'd7')
 
 @pytest.fixture(scope='module')
 def runs(tmp_path_factory, module_processes):
-    """Return the output folders of two learning cycles, by arrangement."""
+    """Return the output folders of two learning cycles, by arrangement; each has a pace, which changes no bit."""
     folders = {}
-    for arrangement in ('composed', 'processes'):
+    for arrangement, pace in (('composed', 2.0), ('processes', 1.0)):
         folder = tmp_path_factory.mktemp(arrangement)
         done = module_processes.run(
             *(PKM, 'run', '--cycles', 2, '--law', 'fourier_pid', '--seed', 7),
             *('--arrangement', arrangement, '--out', folder, '--json', folder / 'copy.json'),
-            *('--save-learned', folder / 'learned.npz'),
+            *('--save-learned', folder / 'learned.npz', '--pace', pace),
         )
         assert done.returncode == 0, done.stdout + done.stderr
         folders[arrangement] = (folder, done.stdout)
@@ -222,6 +222,9 @@ def test_results_have_settings_and_figures_of_the_bags(runs):
     }
     assert len(results['config_hash']) == 12
     assert results['ticks_per_second'] > 0
+    assert results['pace']['asked'] == 1.0
+    assert 0.0 < results['pace']['reached'] < 1.01
+    assert 0.0 <= results['pace']['late_mean_us'] <= results['pace']['late_largest_us']
     for cycle, record in zip(results['cycles'], cycles_of(folder), strict=True):
         assert cycle['bag'] == record.path.name
         for column, joint in enumerate(JOINTS):
@@ -260,6 +263,7 @@ def test_run_prints_a_table_and_writes_a_figure(runs):
     folder, printed = runs['composed']
     assert 'largest dynamic error' in printed
     assert '0 lost' in printed
+    assert re.search(r'pace 2 asked, [\d.]+ reached in the last cycle; ticks began late by \d+ us \(mean\)', printed)
     assert all(joint in printed for joint in JOINTS)
     assert (folder / 'learning.png').read_bytes().startswith(b'\x89PNG')
 
@@ -290,6 +294,9 @@ def test_bags_are_read_by_rosbags_and_mcap(runs):
             "'basis' given; --controller computed_torque does not learn",
         ),
         (['--law', 'none', '--save-learned', 'x.npz'], '--save-learned: given with --law none, which learns nothing'),
+        (['--pace', -1], '--pace: -1.0 given; allowed: 0 (as fast as possible), or 0.01 to 1000 times real time'),
+        (['--pace', 'nan'], '--pace: nan given; allowed: 0 '),
+        (['--pace', 1, '--without', 'machine'], '--pace: 1.0 given with --without machine'),
         (['--law', 'magic'], "'magic' is unknown; known: ['none', 'basis'"),
         (['--environment', 'moon'], 'moon'),
         (['--out', '/proc/nowhere'], '/proc/nowhere: cannot be written'),

@@ -9,6 +9,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from pkm_core.servo.pace import PACE, TIME, TIMES
 from pkm_nodes.graph import (
     ENVIRONMENTS,
     LEARNING_TARGET,
@@ -19,6 +20,7 @@ from pkm_nodes.graph import (
     composed_cell,
     names_in,
     namespace_of,
+    pace_of,
     whole_number,
 )
 from pkm_nodes.runtime.node import CONTROL, MACHINE
@@ -40,6 +42,8 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         'learning_target', default_value='joints', choices=list(TARGETS), description=LEARNING_TARGET
     ),
+    DeclareLaunchArgument('pace', default_value='0', description=PACE),
+    DeclareLaunchArgument('time', default_value='standing', choices=list(TIMES), description=TIME),
     DeclareLaunchArgument('without', default_value='', description=WITHOUT),
 ]
 
@@ -53,6 +57,8 @@ def _nodes(context):
         'environment': value['environment'],
         'folder': value['folder'],
         'learning_target': value['learning_target'],
+        'pace': pace_of(value['pace']),
+        'time': value['time'],
         'without': names_in(value['without']),
     }
     namespace = namespace_of(value['namespace'])

@@ -7,6 +7,7 @@ from pathlib import Path
 from pkm_core.control.controllers import find_control
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
+from pkm_core.servo.pace import ALLOWED, checked_pace
 
 # texts that YAML 1.1 reads as a truth value, a number or nothing
 _LIKE_NO_TEXT = re.compile(r'(?i:y|yes|n|no|on|off|true|false|null|~|[-+.]?\d[\d_.:xobe+-]*)', re.ASCII)
@@ -66,6 +67,14 @@ def whole_number(name, text):
     return int(text)
 
 
+def pace_of(text):
+    """Return the pace `text` as a number; `PkmError` unless it is 0 or in the range of `checked_pace`."""
+    try:
+        return checked_pace(float(text), 'pace')
+    except ValueError:
+        raise PkmError(f'pace: {text!r} given; {ALLOWED}') from None
+
+
 def clock_of(namespace):
     """Return the remappings that give a cell in `namespace` its own clock topic; a cell in /pkm has /clock."""
     return [] if namespace == NAMESPACE else [('/clock', f'{namespace}/clock')]
@@ -119,6 +128,8 @@ def cell_nodes(
     plugins='',
     learned='',
     learning_target='joints',
+    pace=0.0,
+    time='standing',
 ):
     """
     Return the `NodeSpec`s of all processes of a cell.
@@ -143,6 +154,10 @@ def cell_nodes(
         Folder in which learned feedforward may be saved, by default `learned` beside `folder`.
     learning_target : str
         'joints' or 'tool'; the latter adds the node tool_learning.
+    pace : float
+        Simulated time per wall time, 0: as fast as possible.
+    time : str
+        'standing' or 'continuous': simulated time between cycles.
 
     Raises
     ------
@@ -161,11 +176,12 @@ def cell_nodes(
     learned = str(learned or Path(folder).parent / 'learned')
     at_tool = checked_target(learning_target) == 'tool'
     target = {'learning_target': 'tool'} if at_tool else {}
+    of_machine = {'seed': seed, 'environment': environment, 'pace': float(pace), 'time': time}
     nodes = [
         NodeSpec(
             'machine',
             'machine',
-            {**on_machine, 'seed': seed, 'environment': environment, 'wait_for_recorder': record},
+            {**on_machine, **of_machine, 'wait_for_recorder': record},
             tuple(f'{joint}/encoder' for joint in joints),
         ),
         NodeSpec(

@@ -182,3 +182,20 @@ def test_laser_requires_zero_at_first_and_after_a_gap():
     plant.tick([0.0, 0.0])
     laser.observe(10, plant.truth)
     assert laser.read().time == pytest.approx([4.8e-3])
+
+
+def test_laser_skips_the_time_at_rest_and_not_a_sample():
+    """After 400 ticks at rest it measures the same bits, 0.2 s later; the noise goes on where it stopped."""
+    machine, found = load_machine('four_dof'), {}
+    for rest in (0, 400):
+        plant = Plant(machine, 3)
+        laser = Laser(machine, 3)
+        early = observed(plant, laser, np.full((30, 4), 0.5))
+        laser.stand(rest)
+        for tick in range(31 + rest, 61 + rest):
+            plant.tick(np.full(4, -0.5))
+            laser.observe(tick, plant.truth)
+        found[rest] = early, laser.read()
+    assert np.array_equal(found[0][0][1], found[400][0][1])
+    assert np.array_equal(found[0][1].displacement, found[400][1].displacement)
+    np.testing.assert_allclose(found[400][1].time - found[0][1].time, 0.2, rtol=0.0, atol=1e-12)

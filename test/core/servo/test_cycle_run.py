@@ -4,14 +4,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
+from pkm_core.servo.cycle_actions import AwaitTurn, Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
 from pkm_core.servo.cycle_run import LEASE, MOST_CYCLES, SETTLED, CycleRun, CycleState
+from pkm_core.servo.pace import Pace
 from pkm_core.servo.tick_barrier import TickBarrier
 
-STANDING, LOADING, LOADED, RUNNING, HELD, FAULTED = CycleState
+STANDING, LOADING, LOADED, RUNNING, HELD, PAUSED, FAULTED = CycleState
 JOINTS = ('a', 'b')
 START_TIMEOUT, ANSWER_TIMEOUT, WINDOW = 10.0, 5.0, 2
-EVENTS = {'announced', 'loaded', 'look', 'advanced', 'recorded', 'unanswered', 'stop_requested', 'halt', 'reset'}
+EVENTS = {
+    'announced',
+    'loaded',
+    'look',
+    'advanced',
+    'recorded',
+    'turn',
+    'paced',
+    'unanswered',
+    'stop_requested',
+    'halt',
+}
+EVENTS |= {'reset'}
 
 CYCLE = 4  # of every state but STANDING, which has run cycle 3
 REFUSED_BY_FAULT = 'the machine has stopped: a: door; call the service machine/reset first'
@@ -19,15 +32,17 @@ RUNS = f'cycle {CYCLE} is running; reset is allowed only between cycles'
 NO_FAULT = 'at home; there was no fault'
 
 
-def run_in(state, *, window=WINDOW, recorded=0, lengths=(5, 5)):
+def run_in(state, *, window=WINDOW, recorded=0, lengths=(5, 5), pace=0.0, paused=False):
     """
     Return a run in `state`, reached by events at 0 s: cycle 3 of one tick has been run, the machine is at tick 1.
 
-    LOADING has cycle 4 from joint a. RUNNING and HELD have advanced to tick 2 and 4 (the window is 2 ticks).
+    LOADING has cycle 4 from joint a. RUNNING and HELD have advanced to tick 2 and 4 (the window is 2 ticks), PAUSED to
+    tick 3. `pace` and `paused` are set at the end; a tick takes 1 s.
     """
-    run = CycleRun(JOINTS, START_TIMEOUT, ANSWER_TIMEOUT, window)
+    timing = Pace(1.0)
+    run = CycleRun(JOINTS, START_TIMEOUT, ANSWER_TIMEOUT, timing, window)
     if recorded is not None:
-        run.recorded(recorded, 0)
+        run.recorded(recorded, 0, 0.0)
         load(run, 3, (1, 1))
         run.look(0.0, 0, [])
         run.advanced(1, 0.0)
@@ -35,16 +50,27 @@ def run_in(state, *, window=WINDOW, recorded=0, lengths=(5, 5)):
         run.loaded('a', CYCLE, lengths[0], 0.0)
     elif state is not STANDING:
         load(run, CYCLE, lengths)
-    if state in (RUNNING, HELD, FAULTED):
+    if state in (RUNNING, HELD, PAUSED, FAULTED):
         run.look(0.0, 1, [])
         run.advanced(2, 0.0)
     if state is HELD:
-        run.recorded(1, 2)
+        run.recorded(1, 2, 0.0)
         run.advanced(3, 0.0)
         run.advanced(4, 0.0)
+    if state is PAUSED:
+        timing.pause(2, 0.0)
+        run.paced(2, 0.0)
+        run.recorded(1, 2, 0.0)
+        run.advanced(3, 0.0)
     if state is FAULTED:
         run.stop_requested(CYCLE, 'a: door')
     assert run.state is state
+    if pace:
+        timing.set(pace, 2, 0.0)
+        run.paced(2, 0.0)
+    if paused:
+        timing.pause(2, 0.0)
+        run.paced(2, 0.0)
     return run
 
 
@@ -74,6 +100,7 @@ TABLE = [
     row(STANDING, ('loaded', 'a', MOST_CYCLES + 1, 5, 0.0), STANDING),
     row(RUNNING, ('loaded', 'a', 5, 5, 0.0), RUNNING),
     row(HELD, ('loaded', 'a', 5, 5, 0.0), HELD),
+    row(PAUSED, ('loaded', 'a', 5, 5, 0.0), PAUSED),
     row(FAULTED, ('loaded', 'a', 5, 5, 0.0), FAULTED, Refuse(5, REFUSED_BY_FAULT)),
     row(FAULTED, ('loaded', 'x', 5, 5, 0.0), FAULTED),
     # look: start, or end a wait
@@ -139,6 +166,9 @@ TABLE = [
             'it may lag by 2 ticks',
         ),
     ),
+    row(PAUSED, ('look', 1e9, 3, []), PAUSED),  # a pause has no timeout
+    row(LOADED, ('look', 0.0, 1, []), PAUSED, Start(4, 5), paused=True),
+    row(LOADED, ('look', 0.0, 1, []), RUNNING, Start(4, 5), SendSamples(), pace=1.0),
     row(FAULTED, ('look', 1e9, 2, []), FAULTED),
     # the mechanism has advanced by one tick; in other states: test_tick_outside_a_running_cycle_is_an_error
     row(RUNNING, ('advanced', 2, 0.0), RUNNING, SendSamples()),
@@ -147,17 +177,27 @@ TABLE = [
     row(RUNNING, ('advanced', 3, 0.0), STANDING, Finish(4, 2), lengths=(2, 2)),
     row(RUNNING, ('advanced', 2, 0.0, 'stop d1'), FAULTED, StopSafely(4, 2, 'stop d1')),
     row(RUNNING, ('advanced', 2, 0.0, 'stop d1'), FAULTED, StopSafely(4, 2, 'stop d1'), lengths=(2, 2)),
+    row(RUNNING, ('advanced', 2, 0.0), PAUSED, paused=True),
+    row(RUNNING, ('advanced', 3, 0.9), RUNNING, AwaitTurn(), pace=1.0, window=None),
+    row(RUNNING, ('advanced', 3, 1.0), RUNNING, SendSamples(), pace=1.0, window=None),
+    row(RUNNING, ('advanced', 3, 0.9), HELD, pace=1.0),  # the recorder comes first
+    row(RUNNING, ('advanced', 3, 0.9), STANDING, Finish(4, 2), lengths=(2, 2), pace=1.0),
+    # the current tick is due
+    *(row(state, ('turn', 3, 1e9), state) for state in CycleState),  # none was waited for
+    # the pace has changed
+    *(row(state, ('paced', 2, 0.0), state) for state in CycleState),
     # the recorder reports
-    row(STANDING, ('recorded', 1, 1), STANDING),
-    row(LOADING, ('recorded', 1, 1), LOADING),
-    row(LOADING, ('recorded', 0, 1), STANDING, recorded=None),  # first report: trajectories are resent
-    row(LOADED, ('recorded', 1, 1), LOADED),
-    row(LOADED, ('recorded', 0, 1), STANDING, recorded=None),
-    row(LOADED, ('recorded', 0, 1), STANDING, recorded=None, window=None),
-    row(RUNNING, ('recorded', 1, 2), RUNNING),
-    row(HELD, ('recorded', 1, 4), HELD),
-    row(HELD, ('recorded', 2, 4), RUNNING, SendSamples()),
-    row(FAULTED, ('recorded', 2, 4), FAULTED),
+    row(STANDING, ('recorded', 1, 1, 0.0), STANDING),
+    row(LOADING, ('recorded', 1, 1, 0.0), LOADING),
+    row(LOADING, ('recorded', 0, 1, 0.0), STANDING, recorded=None),  # first report: trajectories are resent
+    row(LOADED, ('recorded', 1, 1, 0.0), LOADED),
+    row(LOADED, ('recorded', 0, 1, 0.0), STANDING, recorded=None),
+    row(LOADED, ('recorded', 0, 1, 0.0), STANDING, recorded=None, window=None),
+    row(RUNNING, ('recorded', 1, 2, 0.0), RUNNING),
+    row(HELD, ('recorded', 1, 4, 0.0), HELD),
+    row(HELD, ('recorded', 2, 4, 0.0), RUNNING, SendSamples()),
+    row(PAUSED, ('recorded', 2, 3, 0.0), PAUSED),
+    row(FAULTED, ('recorded', 2, 4, 0.0), FAULTED),
     # answers are overdue
     row(
         RUNNING,
@@ -169,6 +209,7 @@ TABLE = [
     # a STOP event
     row(RUNNING, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 1, 'a: door')),
     row(HELD, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 3, 'a: door')),
+    row(PAUSED, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 2, 'a: door')),
     row(RUNNING, ('stop_requested', 3, 'a: door'), RUNNING),
     row(HELD, ('stop_requested', 5, 'a: door'), HELD),
     row(STANDING, ('stop_requested', 3, 'a: door'), STANDING),
@@ -181,6 +222,7 @@ TABLE = [
     row(LOADED, ('halt', 'hand'), FAULTED),
     row(RUNNING, ('halt', 'hand'), FAULTED, StopSafely(4, 1, 'hand')),
     row(HELD, ('halt', 'hand'), FAULTED, StopSafely(4, 3, 'hand')),
+    row(PAUSED, ('halt', 'hand'), FAULTED, StopSafely(4, 2, 'hand')),
     row(FAULTED, ('halt', 'hand'), FAULTED),
     # a reset request
     row(STANDING, ('reset',), STANDING, GoHome(3, NO_FAULT)),
@@ -188,6 +230,7 @@ TABLE = [
     row(LOADED, ('reset',), STANDING, GoHome(3, NO_FAULT)),
     row(RUNNING, ('reset',), RUNNING, RefuseReset(RUNS)),
     row(HELD, ('reset',), HELD, RefuseReset(RUNS)),
+    row(PAUSED, ('reset',), PAUSED, RefuseReset(RUNS)),
     row(FAULTED, ('reset',), STANDING, GoHome(4, 'at home; cleared: a: door')),
 ]
 
@@ -232,7 +275,7 @@ def test_cycle_without_a_goal_does_not_start():
     assert refusal.reason.startswith('cycle 4: belongs to no running goal')
 
 
-@pytest.mark.parametrize('discard', [CycleRun.reset, lambda run: run.recorded(0, 1)])
+@pytest.mark.parametrize('discard', [CycleRun.reset, lambda run: run.recorded(0, 1, 0.0)])
 def test_discarded_cycle_is_loaded_again_by_all_joints(discard):
     run = run_in(LOADING, recorded=None)
     discard(run)
@@ -266,6 +309,8 @@ RANDOM_EVENTS = st.one_of(
     st.tuples(st.just('recorded')),
     st.tuples(st.just('watch')),
     st.tuples(st.just('wait'), st.sampled_from([1.0, 6.0])),
+    st.tuples(st.just('pace'), st.sampled_from([0.0, 0.5, 2.0])),
+    st.tuples(st.sampled_from(['pause', 'resume', 'step', 'turn'])),
     st.tuples(st.just('stop_requested'), st.integers(-1, 0)),
     st.tuples(st.just('halt')),
     st.tuples(st.just('reset')),
@@ -277,8 +322,10 @@ class Shell:
 
     def __init__(self, window):
         self.barrier = TickBarrier(len(JOINTS), ANSWER_TIMEOUT)
-        self.run = CycleRun(JOINTS, START_TIMEOUT, ANSWER_TIMEOUT, window)
+        self.pace = Pace(1.0)
+        self.run = CycleRun(JOINTS, START_TIMEOUT, ANSWER_TIMEOUT, self.pace, window)
         self.now = 0.0
+        self.waits = False  # for the time of the current tick
         self.answered = set()  # joints with a finite answer to the current tick
         self.announced = 0
         self.ended = []  # cycles that finished or were stopped
@@ -311,7 +358,18 @@ class Shell:
             case 'answer':
                 self.answer(*arguments)
             case 'recorded':
-                self.perform(run.recorded(tick, tick))
+                self.perform(run.recorded(tick, tick, self.now))
+            case 'pace':
+                self.pace.set(*arguments, tick, self.now)
+                self.perform(run.paced(tick, self.now))
+            case 'pause' | 'resume':
+                getattr(self.pace, name)(tick, self.now)
+                self.perform(run.paced(tick, self.now))
+            case 'step' if self.pace.paused and run.is_running:
+                self.pace.step()
+                self.perform(run.paced(tick, self.now))
+            case 'turn':
+                self.perform(run.turn(tick, self.now))
             case 'watch' if missing := barrier.overdue(self.now):
                 self.perform(run.unanswered(tick, barrier.waited(self.now), missing))
                 assert run.state is FAULTED
@@ -339,7 +397,11 @@ class Shell:
                 case SendSamples():
                     assert not self.barrier.is_open
                     self.barrier.open(self.now)
+                    self.waits = False
                     self.answered.clear()
+                case AwaitTurn():
+                    assert self.pace.due(self.barrier.tick) > self.now
+                    self.waits = True
                 case Start(cycle, samples):
                     assert samples > 0
                     assert cycle == self.announced
@@ -351,7 +413,9 @@ class Shell:
 
     def check(self, name, before, index):
         run = self.run
-        assert self.barrier.is_open == (run.state is RUNNING)
+        self.waits = self.waits and run.state is RUNNING
+        assert self.barrier.is_open == (run.state is RUNNING and not self.waits)
+        assert run.state is not PAUSED or self.pace.paused
         assert bool(run.fault) == (run.state is FAULTED)
         if before is FAULTED:
             assert run.state is FAULTED or name == 'reset'
@@ -364,7 +428,7 @@ def test_random_events_keep_barrier_and_run_consistent(window, events):
     """
     Ticks need every answer, a fault ends by reset only, no cycle starts twice.
 
-    The barrier is open exactly while the run awaits answers.
+    The barrier is open exactly while the run awaits answers. Pauses, steps and changes of the pace come at any time.
     """
     shell = Shell(window)
     for event in events:
@@ -391,3 +455,55 @@ def test_cycle_starts_once_the_other_nodes_forgot_a_killed_one():
     assert run.look(1.0, 1, [], 'two at /b') == ()
     assert run.look(1.0 + SETTLED - 0.01, 1, []) == ()
     assert run.look(1.0 + SETTLED, 1, []) == (Start(CYCLE, 5), SendSamples())
+
+
+def test_paced_tick_begins_at_its_time_and_no_sooner():
+    run = run_in(RUNNING, window=None, pace=0.5)  # tick 2 at 0 s, then every 2 s
+    assert run.advanced(3, 0.1) == (AwaitTurn(),)
+    assert run.turn(3, 1.9) == (AwaitTurn(),)  # an early alarm
+    assert run.turn(3, 2.0) == (SendSamples(),)
+    assert run.turn(3, 2.0) == ()  # a second one
+
+
+def test_change_of_the_pace_moves_the_tick_that_waits():
+    run = run_in(RUNNING, window=None, pace=0.01)
+    assert run.advanced(3, 0.1) == (AwaitTurn(),)
+    run.pace.set(0.0, 3, 0.2)
+    assert run.paced(3, 0.2) == (SendSamples(),)
+
+
+def test_pause_takes_the_tick_that_waits_and_gives_it_back():
+    run = run_in(RUNNING, window=None, pace=0.5)
+    run.advanced(3, 0.1)
+    run.pace.pause(3, 0.2)
+    assert (run.paced(3, 0.2), run.state) == ((), PAUSED)
+    assert run.turn(3, 2.0) == ()  # the alarm of before
+    run.pace.resume(3, 50.0)
+    assert (run.paced(3, 50.0), run.state) == ((SendSamples(),), RUNNING)
+    assert run.advanced(4, 50.1) == (AwaitTurn(),)  # the ticks of the pause are not made up for
+
+
+def test_step_runs_one_tick_and_pauses_again():
+    run = run_in(PAUSED, window=None)
+    run.pace.step()
+    assert run.paced(3, 1.0) == (SendSamples(),)
+    assert (run.advanced(4, 1.0), run.state) == ((), PAUSED)
+
+
+def test_last_step_finishes_the_cycle():
+    run = run_in(PAUSED, window=None, lengths=(3, 3))
+    run.pace.step()
+    run.paced(3, 1.0)
+    assert (run.advanced(4, 1.0), run.state) == ((Finish(4, 3),), STANDING)
+
+
+def test_rest_before_a_cycle_does_not_hold_it():
+    """The recorder has recorded tick 0 of cycle 3; cycle 4 begins 200 ticks later, within a window of 2 ticks."""
+    run = run_in(LOADED)
+    run.recorded(0, 1, 0.0)
+    run.look(0.0, 1, [])
+    run.rested(200, 201, 0.0)
+    assert run.advanced(202, 0.0) == (SendSamples(),)
+    run.recorded(0, 202, 0.0)  # sent before the first sample arrived
+    assert run.advanced(203, 0.0) == ()
+    assert run.recorded(201, 203, 0.0) == (SendSamples(),)

@@ -53,6 +53,7 @@ class Laser:
         self._scale = levels.laser_noise * scale
         self._noise = LaserNoise(seed, len(scale))
         self._given = truth.platform if levels.modes else None
+        self._skipped = 0  # number of samples that were due while the machine stood
         self._seen = []  # truths, one per tick
         self._tick = 0  # number of the first one
 
@@ -61,6 +62,15 @@ class Laser:
         self._datum = truth.pose
         self._platform = self._given and Platform(self._given, len(self._datum), self._machine.sample_time)
         self._tick, self._seen = tick, [truth]
+
+    def stand(self, ticks):
+        """
+        Let `ticks` pass without a measurement; the next one is the same as without them, but for its time.
+
+        `ticks` is a multiple of the sample time of the laser, so that it keeps its phase.
+        """
+        self._skipped += len(sample_numbers(self._machine, self._tick, self._tick + ticks))
+        self._tick += ticks
 
     def observe(self, tick, truth):
         """Store the true state of the machine at `tick`, which must follow the previous one."""
@@ -94,7 +104,7 @@ class Laser:
         displacement, axes = seen - self._datum, self._seen[0].assembly.laser_axes
         if axes is not None:
             displacement = displacement @ axes.T
-        displacement = displacement + self._scale * self._noise.at(numbers)
+        displacement = displacement + self._scale * self._noise.at(numbers - self._skipped)
         self._tick, self._seen = self._tick + last, self._seen[-1:]
         samples = LaserSamples(due * 1e-9, self._step * np.round(displacement / self._step))
         return samples, pose[:-1] - self._datum

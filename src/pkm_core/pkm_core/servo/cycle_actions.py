@@ -9,8 +9,13 @@ class SendSamples:
 
 
 @dataclass(frozen=True, slots=True)
+class AwaitTurn:
+    """Call `CycleRun.turn` when the current tick is due in wall time."""
+
+
+@dataclass(frozen=True, slots=True)
 class Start:
-    """Start the cycle; `SendSamples` follows."""
+    """Start the cycle; its first samples follow at once, or after a pause."""
 
     cycle: int
     samples: int

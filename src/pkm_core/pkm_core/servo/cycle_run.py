@@ -3,7 +3,9 @@
 from enum import Enum
 from math import inf
 
-from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
+from pkm_core.servo.cycle_actions import AwaitTurn, Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
+from pkm_core.servo.pace import Turn
+from pkm_core.servo.recorder_window import RecorderWindow
 
 
 class CycleState(Enum):
@@ -14,6 +16,7 @@ class CycleState(Enum):
     LOADED = 'loaded'  # all joints have; the recorder or a reader of the encoders may be missing
     RUNNING = 'running'  # a tick awaits its answers
     HELD = 'held'  # as far ahead of the recorder as allowed; no tick is awaited
+    PAUSED = 'paused'  # between two ticks of a cycle; no tick is awaited
     FAULTED = 'faulted'  # stopped safely; only a reset ends it
 
 
@@ -26,6 +29,7 @@ SETTLED = 1.0
 MOST_CYCLES = 2**31
 # one object for all ticks: `advanced` creates none
 SEND_SAMPLES = (SendSamples(),)
+AWAIT_TURN = (AwaitTurn(),)
 _RUNNING = CycleState.RUNNING  # looked up once: access to a member of an Enum takes as long as the rest of `advanced`
 
 
@@ -43,6 +47,8 @@ class CycleRun:
         [s] from the first LOADED event of a cycle to its refusal.
     answer_timeout : float
         [s] wait for the recorder in `HELD` before a safe stop.
+    pace : Pace
+        An attribute too; `paced` follows each of its changes.
     recorder_window : int or None
         [ticks] allowed distance to the last recorded tick; None: no recorder is required.
 
@@ -58,7 +64,7 @@ class CycleRun:
 
     """
 
-    def __init__(self, joints, start_timeout, answer_timeout, recorder_window=None):
+    def __init__(self, joints, start_timeout, answer_timeout, pace, recorder_window=None):
         self.state = CycleState.STANDING
         self.cycle = 0
         self.index = 0
@@ -66,7 +72,7 @@ class CycleRun:
         self._joints = tuple(joints)
         self._start_timeout = start_timeout
         self._answer_timeout = answer_timeout
-        self._window = recorder_window
+        self._recorder = RecorderWindow(recorder_window)
         self._crowded_at = -inf  # time of the last look that found several publishers
         self._samples = 0  # length of the last started cycle
         self._next_cycle = 0  # the cycle that `_lengths` belong to
@@ -74,8 +80,9 @@ class CycleRun:
         self._lengths = {}  # loaded samples by joint
         self._since = 0.0  # begin of LOADING or of HELD
         self._crowded = False  # intruders have been seen since the begin of LOADING
-        self._recorded_tick = -1  # before the first report of the recorder
-        self._last_tick = inf if recorder_window is None else -1  # the run is held after this tick
+        self.pace = pace
+        self._awaits_turn = False  # the current tick is not due yet
+        self._set_last_tick()
 
     @property
     def is_loading(self):
@@ -85,7 +92,7 @@ class CycleRun:
     @property
     def is_running(self):
         """Whether a cycle has started and has not ended."""
-        return self.state in (CycleState.RUNNING, CycleState.HELD)
+        return self.state in (CycleState.RUNNING, CycleState.HELD, CycleState.PAUSED)
 
     def announced(self, cycle):
         """Take the ANNOUNCED event of a goal: no other cycle than `cycle` starts."""
@@ -124,12 +131,12 @@ class CycleRun:
         `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet, and counts in
         `LOADED` only. `intruders` describes topics with several publishers where one is allowed.
         """
-        ready = self.state is CycleState.LOADED and not self._recorder_is_missing() and not unconnected
+        ready = self.state is CycleState.LOADED and not self._recorder.is_missing and not unconnected
         ready = ready and self._next_cycle == self._announced
         if intruders:
             self._crowded_at = now
         if ready and not intruders and now - self._crowded_at >= SETTLED:
-            return self._start()
+            return self._start(tick, now)
         if ready and now - self._since <= max(self._start_timeout, LEASE):
             return ()
         if ready and intruders:
@@ -142,8 +149,8 @@ class CycleRun:
             return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}{remark}')
         if self.state is CycleState.HELD and now - self._since > self._answer_timeout:
             return self._stop(
-                f'{self._where(tick)}: the recorder has not confirmed anything after tick {self._recorded_tick} '
-                f'for {now - self._since:.1f} s; it may lag by {self._window} ticks'
+                f'{self._where(tick)}: the recorder has not confirmed anything after tick {self._recorder.recorded} '
+                f'for {now - self._since:.1f} s; it may lag by {self._recorder.ticks} ticks'
             )
         return ()
 
@@ -156,27 +163,51 @@ class CycleRun:
             return self._stop(fault)
         if self.index == self._samples:
             self.state = CycleState.STANDING
+            self.pace.end(tick, now)
             return (Finish(self.cycle, self._samples),)
         if tick > self._last_tick:
-            self.state, self._since = CycleState.HELD, now
-            return ()
+            return self._release(tick, now)
         return SEND_SAMPLES
 
-    def recorded(self, recorded_tick, tick):
+    def _release(self, tick, now):
+        """Begin `tick` unless the recorder, a pause or the pace holds it back."""
+        self._awaits_turn = False
+        if tick > self._recorder.last:
+            self.state, self._since = CycleState.HELD, now
+            return ()
+        turn = self.pace.turn(tick, now)
+        self.state = CycleState.PAUSED if turn is Turn.PAUSED else CycleState.RUNNING
+        if turn is Turn.LATER:
+            self._awaits_turn = True
+            return AWAIT_TURN
+        return SEND_SAMPLES if turn is Turn.NOW else ()
+
+    def turn(self, tick, now):
+        """Begin `tick`, which is due; ignored unless it was waited for."""
+        return self._release(tick, now) if self._awaits_turn and self.state is _RUNNING else ()
+
+    def paced(self, tick, now):
+        """Take a change of the pace, the begin or the end of a pause, or a step."""
+        self._set_last_tick()
+        return self._release(tick, now) if self._awaits_turn or self.state is CycleState.PAUSED else ()
+
+    def recorded(self, recorded_tick, tick, now):
         """
         Take the report of the recorder that it holds every sample up to `recorded_tick`; `tick` is the current tick.
 
         The first report discards what is loaded: the recorder may have missed those trajectories. They are resent.
         """
-        if self._recorded_tick < 0:
+        if self._recorder.recorded < 0:
             self._discard()
-        self._recorded_tick = recorded_tick
-        if self._window is not None:
-            self._last_tick = recorded_tick + self._window
-        if self.state is CycleState.HELD and tick <= self._last_tick:
-            self.state = CycleState.RUNNING
-            return SEND_SAMPLES
-        return ()
+        self._recorder.report(recorded_tick)
+        self._set_last_tick()
+        return self._release(tick, now) if self.state is CycleState.HELD and tick <= self._recorder.last else ()
+
+    def rested(self, rest, tick, now):
+        """Note that `rest` ticks have passed while the machine stood: the cycle just started begins with `tick`."""
+        self._recorder.rested(rest, tick)
+        self._set_last_tick()
+        self.pace.begin(tick, now)
 
     def unanswered(self, tick, waited, missing):
         """Stop a running cycle: for `waited` [s] no answer to `tick` from `missing`, in words."""
@@ -206,7 +237,11 @@ class CycleRun:
         self.state, self.fault = CycleState.STANDING, ''
         return (GoHome(self.cycle, message),)
 
-    def _start(self):
+    def _set_last_tick(self):
+        """Set the tick after which `advanced` does more than send samples."""
+        self._last_tick = self._recorder.last if self.pace.is_free else -1
+
+    def _start(self, tick, now):
         lengths = {joint: self._lengths[joint] for joint in self._joints}
         shortest, longest = min(lengths.values()), max(lengths.values())
         if shortest < longest or shortest < 1:
@@ -214,14 +249,15 @@ class CycleRun:
                 f'the joints loaded cycles of different lengths: {lengths}; all must be equal and at least 1'
             )
         self.state, self.cycle, self.index, self._samples = CycleState.RUNNING, self._next_cycle, 0, longest
-        return Start(self.cycle, longest), *SEND_SAMPLES
+        self.pace.begin(tick, now)
+        return Start(self.cycle, longest), *self._release(tick, now)
 
     def _refuse(self, reason):
         self._discard()
         return (Refuse(self._next_cycle, reason),)
 
     def _stop(self, reason):
-        self.state, self.fault = CycleState.FAULTED, reason
+        self.state, self.fault, self._awaits_turn = CycleState.FAULTED, reason, False
         return (StopSafely(self.cycle, self.index, reason),)
 
     def _discard(self):
@@ -230,14 +266,11 @@ class CycleRun:
         if self.is_loading:
             self.state = CycleState.STANDING
 
-    def _recorder_is_missing(self):
-        return self._window is not None and self._recorded_tick < 0
-
     def _reason_of_delay(self, unconnected):
         late = [joint for joint in self._joints if joint not in self._lengths]
         if late:
             return f'not loaded within {self._start_timeout} s by joint_controller of {late}'
-        if self._recorder_is_missing():
+        if self._recorder.is_missing:
             return f'the recorder has not reported within {self._start_timeout} s; is it running?'
         if self._next_cycle != self._announced:
             return 'belongs to no running goal; only the trajectory source of this cell starts cycles'

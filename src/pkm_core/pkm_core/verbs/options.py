@@ -69,6 +69,10 @@ ModesOption = Annotated[
     typer.Option(min=1, max=5, help='Number of resonances to fit; default: as in config/model, 2 for a foreign axis.'),
 ]
 NamespaceOption = Annotated[str, typer.Option(help='ROS namespace of the cell.')]
+PaceOption = Annotated[
+    float,
+    typer.Option(help='Simulated time per wall time: 1 is real time, 0.01 to 1000; 0: as fast as possible.'),
+]
 ProcessesOption = Annotated[int, typer.Option(min=0, help='Number of worker processes; 0: one per processor core.')]
 ClusterOption = Annotated[
     str,

@@ -12,12 +12,15 @@ from time import monotonic, sleep
 from urllib.error import URLError
 from urllib.request import urlopen
 
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion
 from pkm_interfaces.msg import CycleEvent, SampledTrajectory
 from pkm_nodes.bench.no_ros import LAW
-from pkm_nodes.clients.cell_client import CellClient
+from pkm_nodes.clients.cell_client import ANSWER_TIMEOUT, CellClient
 from pkm_nodes.clients.cell_processes import CellProcesses
 from pkm_nodes.runtime.fast_path import SWITCH
 from pkm_nodes.runtime.node import CYCLE_QOS
@@ -73,6 +76,15 @@ class TimedClient(CellClient):
         """Return the number of subscriptions of `topic`."""
         return self._node.count_subscribers(topic)
 
+    def set_pace(self, pace, check):
+        """Set the pace of the machine; its figures restart."""
+        client = self._node.create_client(SetParameters, 'machine/set_parameters')
+        self._spin_until(client.service_is_ready, check, ANSWER_TIMEOUT, f'the cell did not offer {client.srv_name}')
+        wanted = [Parameter('pace', value=pace).to_parameter_msg()]
+        answer = client.call_async(SetParameters.Request(parameters=wanted))
+        self._spin_until(answer.done, check, ANSWER_TIMEOUT, f'{client.srv_name} did not answer')
+        self._node.destroy_client(client)
+
     def take_cycles(self, number, check):
         """Wait for all steps of `number` cycles; return and clear them: dicts of `_STEPS` [ns] and samples."""
         self._spin_until(
@@ -102,16 +114,19 @@ class Cell:
         Whether a recorder runs.
     page : bool
         Whether the live page runs during every turn, with a viewer.
+    pace : float
+        Of the machine.
 
     """
 
-    def __init__(self, machine, arrangement, *, record=True, page=False):
+    def __init__(self, machine, arrangement, *, record=True, page=False, pace=0.0):
         self._motion = default_motion(load_machine(machine))
-        self._record, self._page = record, page
+        self._record, self._page, self._pace = record, page, pace
         self._stack = ExitStack()
         self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix='pkm_bench_')))
         make, arrangement = (NaiveProcesses, 'processes') if arrangement == 'naive' else (CellProcesses, arrangement)
-        cell = make(machine, arrangement, seed=1, environment='nominal', folder=self._folder, record=record)
+        options = {'seed': 1, 'environment': 'nominal', 'record': record, 'pace': pace}
+        cell = make(machine, arrangement, **options, folder=self._folder)
         self._cell = self._stack.enter_context(cell)
         self._client = self._stack.enter_context(TimedClient())
         self._client.wait_until_up(self._cell.check)
@@ -126,11 +141,14 @@ class Cell:
         Run `cycles` learning cycles and return their figures.
 
         ticks_per_second [1/s]: between first and last tick of the cycles. cpu_us_per_tick [us]: all processes, over
-        the whole turn. delivery_ms [ms]: per cycle, from its trajectory to the last loaded controller.
+        the whole turn. delivery_ms [ms]: per cycle, from its trajectory to the last loaded controller. With a pace the
+        figures of a `MachineWatch` too.
         """
         with ExitStack() as stack:
             if self._page:
                 stack.enter_context(_page())
+            if self._pace:
+                self._client.set_pace(self._pace, self._cell.check)
             before = self._processor_time()
             steps = self._drive(cycles)
             processor = self._processor_time() - before
@@ -139,6 +157,7 @@ class Cell:
             'ticks_per_second': ticks * _SECOND / sum(cycle['finished'] - cycle['started'] for cycle in steps),
             'cpu_us_per_tick': 1e6 * processor / ticks,
             'delivery_ms': [1e-6 * (cycle['loaded'] - cycle['sent']) for cycle in steps],
+            **(self._client.pace_figures(self._cell.check) if self._pace else {}),
         }
 
     def memory(self, cycles):

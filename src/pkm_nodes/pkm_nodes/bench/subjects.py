@@ -25,10 +25,11 @@ SUBJECTS = {
     'simulation': '(f) simulation without ROS',
     'alone': '(b) composed, no recorder',
     'watched': '(b) composed, recorder and page',
+    'pace': '(b) composed, at pace 1.0',
 }
 FLOORS = ('floor', 'bytes')
 # subjects that need their own ROS graph
-GRAPHS = (*FLOORS, 'composed', 'processes', 'naive', 'alone', 'watched')
+GRAPHS = (*FLOORS, 'composed', 'processes', 'naive', 'alone', 'watched', 'pace')
 
 
 class Subject:
@@ -89,7 +90,8 @@ def _make(name, readers):
     from pkm_nodes.bench.cells import Cell
 
     arrangement = name if name in ('processes', 'naive') else 'composed'
-    cell = Cell(MACHINE, arrangement, record=name != 'alone', page=name == 'watched')
+    pace = 1.0 if name == 'pace' else 0.0
+    cell = Cell(MACHINE, arrangement, record=name != 'alone', page=name == 'watched', pace=pace)
     return cell, {'readers': cell.readers(load_machine(MACHINE).joints[0])}
 
 

@@ -84,10 +84,12 @@ def targets(turns, memory):
     def cost(name):
         return 100 * (1 - ratio[name]) if name in ratio else None
 
+    reached = min(turns['pace']['reached']) if 'pace' in turns else None
     delivery = [ms for turn in turns['composed']['delivery_ms'] for ms in turn] if 'composed' in turns else []
     return [
         Target('composed cell / bare floor', ratio.get('composed / floor'), 0.6, at_least=True),
         Target('composed cell, best turn', best('composed'), 1.5, at_least=True, unit='x real time'),
+        Target('pace reached at pace 1.0, worst turn', reached, 0.99, at_least=True),
         Target('processes / naive executor', ratio.get('processes / naive'), 2.0, at_least=True),
         Target('recorder and page cost', cost('recorder and page / without'), 25.0, at_least=False, unit='%'),
         Target('page costs', cost('page / without'), 10.0, at_least=False, unit='%'),

@@ -17,6 +17,7 @@ from pkm_core.interrupts import held_back
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.srv import SaveLearned
+from pkm_nodes.clients.machine_watch import MachineWatch
 from pkm_nodes.clients.replacements import Substitutes
 from pkm_nodes.graph import NAMESPACE
 from pkm_nodes.parts.cycle_events import subscribe_events
@@ -33,6 +34,8 @@ _PATIENCE = 5.0
 ANSWER_TIMEOUT = 23.0
 # [s, wall] from the last tick to the closed bag
 _RECORDED_TIMEOUT = 10.0
+# [s, wall] from the last tick to the diagnostics of the machine, sent every second
+_REPORTED = 3.0
 
 
 @dataclass
@@ -52,6 +55,7 @@ class CellClient:
     Client of the running cell in `namespace`; use it in a ``with`` block. It owns rclpy's default context.
 
     With a `session` its goals and requests are for that start of the cell only, and it ignores the events of others.
+    `machine` is a `MachineWatch`.
     """
 
     def __init__(self, namespace=NAMESPACE, session=''):
@@ -71,6 +75,7 @@ class CellClient:
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
         self._begin_log()
         subscribe_events(self._node, self._on_event)
+        self.machine = MachineWatch(self._node)
 
     def __exit__(self, *_):
         with held_back():
@@ -193,6 +198,11 @@ class CellClient:
         if self._log.unrecorded:
             raise PkmError(self._log.unrecorded[0])
         return self._log
+
+    def pace_figures(self, check):
+        """Return the figures of the machine's pace after the last cycle; None where it reports none."""
+        self._comes_true(lambda: self.machine.has_ended(max(self._of_goal)), check, _REPORTED)
+        return self.machine.figures()
 
     def _send(self, client, goal, action, check, on_feedback):
         """Return the handle of `goal`, sent with `client` to `action`; `PkmError` if its server leaves unanswered."""

@@ -63,7 +63,7 @@ class CellProcesses:
         Whether there is a recorder.
     without : sequence of str
         Names of nodes to leave out.
-    plugins, learned, learning_target : str
+    plugins, learned, learning_target, pace : str, str, str, float
         See `cell_nodes`.
     configuration : Configuration, optional
         What the nodes work with, by default that of the environment.
@@ -96,6 +96,7 @@ class CellProcesses:
         plugins='',
         learned='',
         learning_target='joints',
+        pace=0.0,
         configuration=None,
     ):
         named = {'PKM_CONFIG': str(configuration.folder)} if configuration else {}
@@ -111,7 +112,7 @@ class CellProcesses:
             'folder': str(self.bags),
             'record': record,
         }
-        options |= {'plugins': plugins, 'learned': str(learned), 'learning_target': learning_target}
+        options |= {'plugins': plugins, 'learned': str(learned), 'learning_target': learning_target, 'pace': pace}
         nodes = cell_nodes(machine, **options)
         self.nodes = leave_out(nodes, without)
         self.left_out = [spec for spec in nodes if spec not in self.nodes]

@@ -14,6 +14,11 @@ NOTICE = 'notice'  # controllers: last observation of the learning monitor, '' w
 REFUSED = 'refused messages'  # machine, controllers: malformed messages of the tick that were dropped
 FOREIGN = 'foreign messages'  # machine, controllers, recorder: messages of other publishers that were dropped
 OTHERS = 'other publishers'  # machine, controllers: topics with further publishers, and their nodes; '' without one
+PACE_ASKED = 'pace'  # machine: simulated time per wall time as set, 0.0: as fast as possible
+PACE_REACHED = 'pace reached'  # machine: the same as measured in the running or last cycle, '' before the first
+PAUSED = 'paused'  # machine: 'true' or 'false'
+# machine: how late its ticks began, over the last ones since the pace was set; '' without a pace
+LATENESS = ('late by, mean [us]', 'late by, 99 % [us]', 'late by, largest [us]', 'late by a tick [%]')
 COVARIANCE = 'covariance'  # state_estimator: origin of the covariance of the pose
 GEOMETRY = 'geometry'  # state_estimator: hash of the kinematics in use
 GOAL = 'goal'  # trajectory_generator: the running goal or command and its cycle, '' without one

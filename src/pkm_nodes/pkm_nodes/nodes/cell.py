@@ -3,6 +3,7 @@
 from rclpy.parameter import Parameter
 
 from pkm_core.errors import ConfigError
+from pkm_core.servo.pace import PACE, TIME
 from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, learning_target, names_in
 from pkm_nodes.nodes.calibration import CalibrationNode
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
@@ -51,6 +52,8 @@ class CellNode(PkmNode):
             plugins=self.setting('plugins', '', PLUGINS),
             learned=self.setting('learned', '', 'folder in which learning/save may write; by default beside folder'),
             learning_target=learning_target(self),
+            pace=self.setting('pace', 0.0, f'{PACE}; of the machine at its start'),
+            time=self.setting('time', 'standing', TIME),
         )
 
 

@@ -176,7 +176,7 @@ class DashboardNode(PkmNode):
             # a machine that is not of this project may have no keys
             self.cell.status, self.cell.reason = Status.FAULT, values.get(FAULT, status.message)
         else:
-            running = state in (CycleState.RUNNING.value, CycleState.HELD.value)
+            running = state in [each.value for each in (CycleState.RUNNING, CycleState.HELD, CycleState.PAUSED)]
             self.cell.status, self.cell.reason = Status.RUNNING if running else Status.STANDING, ''
 
     # nodes of the cell

@@ -14,7 +14,7 @@ class LaserNode(PkmNode):
         self._laser = Laser(machine, seed, environment)
         self._publisher, self._send = self.tick_publisher(LaserSample, 'laser')
         self._sample = Template(LaserSample(time=DOUBLE, displacement=len(machine.coordinates) * [DOUBLE]))
-        self.zero, self.observe = self._laser.zero, self._laser.observe
+        self.zero, self.observe, self.stand = self._laser.zero, self._laser.observe, self._laser.stand
 
     def is_heard(self):
         """Return whether all subscribers in the graph are connected; there may be none."""

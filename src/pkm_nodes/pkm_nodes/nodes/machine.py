@@ -2,10 +2,10 @@
 Node `machine`: one simulated mechanism with its motors and laser, and the clock of the cell.
 
 The machine is the time base. Tick k carries the encoder samples; the machine advances when every joint controller has
-answered tick k, and not before. An answer to any other tick is counted and never applied. Between cycles simulated
-time stands still. When an answer is missing for `answer_timeout` of wall time, the machine reports the joints without
-an answer, brakes without the controllers and waits for its `reset` service. A STOP event of the running cycle stops it
-at once.
+answered tick k, and not before; with a pace, not before its wall time either. An answer to any other tick is counted
+and never applied. Between cycles simulated time stands still, unless `time` is continuous. When an answer is missing
+for `answer_timeout` of wall time, the machine reports the joints without an answer, brakes without the controllers and
+waits for its `reset` service. A STOP event of the running cycle stops it at once.
 
 The node converts messages and performs actions. `TickBarrier` decides which answers count, `CycleRun` what happens to
 a cycle.
@@ -16,20 +16,17 @@ from time import monotonic
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.qos import qos_profile_sensor_data
-from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import UInt32, UInt64
 from std_srvs.srv import Trigger
 
 from pkm_core.errors import ConfigError
 from pkm_core.machines.geometry import load_geometry
 from pkm_core.plant.plant import Plant
-from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
+from pkm_core.servo.cycle_actions import AwaitTurn, Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
 from pkm_core.servo.cycle_run import SEND_SAMPLES, CycleRun, CycleState
 from pkm_core.servo.tick_barrier import TickBarrier
 from pkm_interfaces.msg import CycleEvent, EncoderSample, Standing
 from pkm_nodes.graph import ENVIRONMENTS
-from pkm_nodes.messages.conversions import time_of_tick
 from pkm_nodes.messages.diagnostics import CYCLE, FAULT, FOREIGN, OTHERS, REFUSED, STATE, TICK, diagnostics
 from pkm_nodes.messages.tick_messages import MOTOR_COMMAND, UINT64
 from pkm_nodes.nodes.laser import LaserNode
@@ -37,7 +34,9 @@ from pkm_nodes.nodes.linear_motor import LinearMotorNode
 from pkm_nodes.parts.cell_lock import CellLock
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.intruders import Intruders
+from pkm_nodes.parts.machine_time import MachineTime
 from pkm_nodes.parts.node_geometry import NodeGeometry
+from pkm_nodes.parts.pace_control import PaceControl
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] /clock is published at 100 Hz of simulated time: ROS tools need no more, and every node receives it
@@ -57,6 +56,8 @@ class MachineNode(PkmNode):
         super().__init__('machine', **kwargs)
         geometry = load_geometry(self.machine_setting())
         machine = geometry.machine
+        self._timing = PaceControl(self, machine.sample_time)
+        self._time = MachineTime(self, machine)
         seed = self.setting('seed', 1, 'seed of everything random in the machine')
         environment = self.setting('environment', 'nominal', ENVIRONMENTS)
         answer_timeout = self.setting('answer_timeout', 5.0, '[s, wall] wait for the answers of a tick')
@@ -76,20 +77,19 @@ class MachineNode(PkmNode):
 
         self._joints = machine.joints
         self._resolution = machine.encoder_resolution
-        self._sample_time = machine.sample_time
         self._plant = Plant(machine, seed, environment=environment)
         self._lock = CellLock(self.get_namespace(), self.get_fully_qualified_name(), self.session)
         self._motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
         self._laser = LaserNode(machine, seed, environment)
         self.parts = [*self._motors, self._laser]
         self._barrier = TickBarrier(len(self._joints), answer_timeout)
-        self._run = CycleRun(self._joints, start_timeout, answer_timeout, window if wait_for_recorder else None)
+        window = window if wait_for_recorder else None
+        self._run = CycleRun(self._joints, start_timeout, answer_timeout, self._timing.pace, window)
         self._laser.zero(self._barrier.tick, self._plant.truth)
 
         # no length is used here; a file of another specimen is refused
         NodeGeometry(self, geometry, check=lambda other: other.check_specimen(seed, environment))
         self._events = CycleEvents(self, 'machine')
-        self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
         self._standing = self.create_publisher(Standing, 'machine/standing', LAST_VALUE_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -100,6 +100,8 @@ class MachineNode(PkmNode):
         self._intruders = Intruders(self, taken, others)
         self.create_service(Trigger, 'machine/reset', self._on_reset)
         self.offer('machine/stop', self._on_stop)
+        self._timing.serve(self._run, self._barrier, self._perform)
+        self._time.serve(self._run, self._barrier, self._timing.pace)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.05, self._watch, clock=wall)
         self.create_timer(1.0, self._publish_diagnostics, clock=wall)
@@ -131,7 +133,7 @@ class MachineNode(PkmNode):
             self._look()
 
     def _on_recorder_tick(self, data):
-        self._perform(self._run.recorded(*UINT64.unpack(data), self._barrier.tick))
+        self._perform(self._run.recorded(*UINT64.unpack(data), self._barrier.tick, monotonic()))
 
     def _watch(self):
         """Check every wait against its timeout, in wall time."""
@@ -155,7 +157,10 @@ class MachineNode(PkmNode):
             match action:
                 case SendSamples():
                     self._await_answers(monotonic())
+                case AwaitTurn():
+                    self._timing.await_turn()
                 case Start(cycle, samples):
+                    self._time.leave_rest(self._laser)
                     self._plant.start_cycle(cycle)
                     self._cycle_publisher.publish(UInt32(data=cycle))
                     self._publish_event(CycleEvent.STARTED, cycle, samples=samples)
@@ -164,6 +169,8 @@ class MachineNode(PkmNode):
                     self._report_intruders()
                     self._report_standing()
                     self._publish_event(CycleEvent.FINISHED, cycle, samples=samples)
+                    if self._timing.pace.factor:
+                        self._publish_diagnostics()
                 case Refuse(cycle, reason):
                     self._publish_event(CycleEvent.REFUSED, cycle, message=reason)
                 case StopSafely(cycle, samples, reason):
@@ -195,7 +202,7 @@ class MachineNode(PkmNode):
     def _publish_samples(self, mode):
         tick, cycle, index = self._barrier.tick, self._run.cycle, self._run.index
         if tick % CLOCK_EVERY == 0:
-            self._clock_publisher.publish(ClockMessage(clock=time_of_tick(tick, self._sample_time)))
+            self._time.publish(tick)
         for motor, counts in zip(self._motors, self._plant.counts.tolist(), strict=True):
             motor.publish(tick, cycle, index, mode, counts, counts * self._resolution)
 
@@ -217,6 +224,7 @@ class MachineNode(PkmNode):
     def _stop_safely(self, reason):
         """Brake without the controllers and publish the encoder samples of every tick until standstill."""
         self.get_logger().error(f'safe stop: {reason}')
+        self._timing.pace.end(self._barrier.tick, monotonic())
         if not self._barrier.is_open:  # the samples of this tick have not been sent yet
             self._publish_samples(EncoderSample.SAFE_STOP)
         self._barrier.close()
@@ -263,7 +271,7 @@ class MachineNode(PkmNode):
         message = diagnostics(
             self,
             DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if refused or others else DiagnosticStatus.OK,
-            f'fault: {fault}' if fault else others or ('cycle running' if self._run.is_running else 'standing'),
+            f'fault: {fault}' if fault else others or self._timing.describe(),
             {
                 STATE: self._run.state.value,
                 CYCLE: self._run.cycle,
@@ -273,8 +281,9 @@ class MachineNode(PkmNode):
                 FOREIGN: foreign,
                 OTHERS: others,
                 **{f'stale commands {joint}': count for joint, count in stale},
+                **self._timing.values(),
             },
-            time_of_tick(tick, self._sample_time),
+            self._time.now(),
         )
         self._diagnostics.publish(message)
 

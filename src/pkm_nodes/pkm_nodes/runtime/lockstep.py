@@ -3,7 +3,7 @@ The executor of the servo tick.
 
 A tick is a chain of short callbacks: encoder samples trigger the controllers, their commands trigger the machine. For
 each callback the executors of rclpy inspect every service, timer, parameter and event of every node in Python: 0.3 ms
-per callback for one node, several for a composed cell. This executor differs in three points:
+per callback for one node, several for a composed cell. This executor differs in four points:
 
 - The subscriptions of the tick, those in a `HotGroup`, have a wait set of their own. While samples flow, only this one
   is waited on, and messages go directly to the callbacks, without a task, a lock or a lookup.
@@ -12,6 +12,7 @@ per callback for one node, several for a composed cell. This executor differs in
 - The entities of a wait set are collected once, and again only when an entity is created or destroyed. A poll of all
   others takes microseconds. It is done every `_SERVE_EVERY` while samples flow, for parameters, services and timers.
   Without samples the executor sleeps until an entity is ready.
+- An alarm (alarm.py) is served in the loop of the tick. While one is set, the loop continues without samples.
 
 Every publisher and subscription has two quality-of-service events. They are half of all entities and rarely ready, so
 they are polled every `_EVENTS_EVERY`.
@@ -20,7 +21,7 @@ It uses the parts of rclpy that the executors of rclpy use. Many are not public:
 """
 
 from contextlib import ExitStack
-from time import perf_counter, sleep
+from time import monotonic, perf_counter, sleep
 
 from rclpy.event_handler import EventHandler
 from rclpy.executors import Executor
@@ -49,6 +50,8 @@ _EMPTY_EVERY = 0.02
 _EMPTY_AT_MOST = 1000
 # [s] period at which quality-of-service events are polled, and the longest sleep
 _EVENTS_EVERY = 1.0
+# [s] end of the wait for an alarm that is spent without sleep: the operating system wakes a process that late
+_SPIN = 100e-6
 # [s] pause when a callback is due in a group of which another callback awaits a future
 _SUSPENDED = 0.001
 _log_dropped = LogThrottle(get_logger('pkm'), is_error=True)
@@ -61,6 +64,8 @@ class LockstepExecutor(SenderTakes, Executor):
         self._outdated = True
         super().__init__(context=context)
         self._held = ExitStack()
+        self._due, self._ring = 0.0, None  # of the alarm, None without one
+        self._quiet = _QUIET  # longest wait for a sample
 
     def wake(self):
         """Note that an entity was created, destroyed or changed, or that the context is shut down."""
@@ -77,6 +82,10 @@ class LockstepExecutor(SenderTakes, Executor):
         self._outdated = True
         super().remove_node(node)
 
+    def set_alarm(self, due, ring):
+        """Call `ring()` once at `due` [s, monotonic], instead of what was set before; called in a callback."""
+        self._due, self._ring, self._quiet = due, ring, 0
+
     def spin(self):
         """Serve all nodes until the context is shut down."""
         with self._held:
@@ -84,7 +93,7 @@ class LockstepExecutor(SenderTakes, Executor):
             while self._context.ok():
                 if self._outdated:
                     self._gather()
-                self._serve(self._all, round(1e9 * _EVENTS_EVERY))
+                self._serve(self._all, round(1e9 * _EVENTS_EVERY) if self._ring is None else 0)
                 self._run_flow()
                 if perf_counter() > events_at:
                     self._serve(self._events, 0)
@@ -124,7 +133,7 @@ class LockstepExecutor(SenderTakes, Executor):
         self._queues = _Queues(patient)
 
     def _run_flow(self):
-        """Serve the tick until no message has arrived for `_QUIET`."""
+        """Serve the tick until no message has arrived for `_QUIET` and no alarm is set."""
         handles, takes, wait_set = self._hot, self._takes, self._hot_wait_set
         timeout = 0  # another entity may have ended the waiting
         empty_at = 0.0
@@ -149,16 +158,33 @@ class LockstepExecutor(SenderTakes, Executor):
             elif timeout:
                 sleep(_EMPTY_EVERY)
             now = perf_counter()
-            if not ready or now > empty_at:
+            if now > empty_at or (not ready and self._ring is None):
                 found = self._queues.empty()
                 empty_at = now + _EMPTY_EVERY
             if not ready and not found:
-                return
-            timeout = _QUIET
+                if self._ring is None:
+                    return
+                self._approach_alarm()
+            timeout = self._quiet
             if now > serve_at:
                 self._serve(self._rest, 0)
                 end = perf_counter()
                 serve_at = end + max(_SERVE_EVERY, (end - now) / _SERVE_SHARE)
+
+    def _approach_alarm(self):
+        """Wait for the alarm and ring it; return earlier for a sample, or to empty the queues."""
+        sleeping = self._due - monotonic() - _SPIN
+        if sleeping > 0:
+            wait_set = self._hot_wait_set
+            wait_set.clear_entities()
+            for handle in self._hot:
+                wait_set.add_subscription(handle)
+            wait_set.wait(round(1e9 * min(sleeping, _EMPTY_EVERY)))  # fails without a subscription; a machine has some
+            return
+        due, ring, self._ring, self._quiet = self._due, self._ring, None, _QUIET
+        while monotonic() < due:
+            pass
+        ring()
 
     def _serve(self, waiting, timeout):
         """Wait for up to `timeout` [ns] and serve the ready entities once each."""

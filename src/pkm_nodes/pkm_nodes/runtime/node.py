@@ -101,10 +101,10 @@ class PkmNode(Node):
         """
         Declare the read-only parameter `name` and return its value; the type of `default` is binding.
 
-        A float is a duration or another size: `ConfigError` unless it is positive and finite.
+        A float is a duration or another size: `ConfigError` unless it is `default`, or positive and finite.
         """
         value = self._declare(name, default, description, read_only=True)
-        if isinstance(value, float) and not 0 < value < inf:
+        if isinstance(value, float) and value != default and not 0 < value < inf:
             raise ConfigError(
                 f'{self.get_fully_qualified_name()}: {name} is {value}; expected a positive, finite number '
                 f'({description})'

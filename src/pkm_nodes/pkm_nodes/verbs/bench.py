@@ -18,6 +18,7 @@ from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import JsonOption, write_figures
 from pkm_nodes.bench.subjects import FLOORS, GRAPHS, MACHINE, SUBJECTS, Subject
 from pkm_nodes.bench.targets import MEMORY_STEP, ratios, targets
+from pkm_nodes.clients.machine_watch import FIGURES
 
 
 def bench(
@@ -34,10 +35,12 @@ def bench(
     """
     Measure the servo tick: bare middleware, composed cell, processes, rclpy's executor, MuJoCo, no ROS; print ratios.
 
-    Subjects take turns, so that other load of this computer affects all of them equally. Uses seven ROS domains from
+    Subjects take turns, so that other load of this computer affects all of them equally. Uses eight ROS domains from
     ROS_DOMAIN_ID upwards. The subject MuJoCo is left out if it is not installed.
 
     Example: `pkm bench --json runs/bench.json`
+
+    Example: `pkm bench --only pace --turns 9 --cycles 10 --memory-cycles 0`
     """
     console = Output()
     begin = os.getloadavg()
@@ -49,6 +52,8 @@ def bench(
     account = targets(measured, memory)
     console.print(_subjects_table(measured))
     console.print(_ratios_table(ratios(measured)))
+    if 'pace' in measured:
+        console.print(_pace_table(measured['pace']))
     console.print(_targets_table(account))
     console.print(
         f'load of this computer: {begin[0]:.1f} before, {os.getloadavg()[0]:.1f} after; {os.cpu_count()} cores'
@@ -146,6 +151,11 @@ def _subjects_table(measured):
 def _ratios_table(pairs):
     rows = [(name, f'{pair["ticks_per_second"]:.2f}', f'{pair["processor_time"]:.2f}') for name, pair in pairs.items()]
     return table('how many times as fast, medians of the turns', ['', 'by ticks/s', 'by CPU time'], rows)
+
+
+def _pace_table(figures):
+    rows = [(name, *(f'{each(figures[name]):.3f}' for each in (min, median, max))) for name in ('reached', *FIGURES)]
+    return table('composed cell at pace 1.0, per turn', ['', 'smallest', 'median', 'largest'], rows)
 
 
 def _targets_table(account):

@@ -22,6 +22,7 @@ from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.reporting.tool import tool_figures, tool_table
+from pkm_core.servo.pace import checked_pace
 from pkm_core.verbs.console import Output, progress_bar
 from pkm_core.verbs.options import (
     LAWS,
@@ -34,12 +35,14 @@ from pkm_core.verbs.options import (
     MachineOption,
     MotionOption,
     NamespaceOption,
+    PaceOption,
     RunFolderOption,
     SeedOption,
     file_option,
     run_folder,
     write_figures,
 )
+from pkm_nodes.clients.machine_watch import sentence
 from pkm_nodes.graph import NAMESPACE, cell_nodes, namespace_of
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
@@ -66,6 +69,7 @@ def run(
     namespace: NamespaceOption = NAMESPACE,
     arrangement: CellArrangementOption = Arrangement.composed,
     learning_target: LearningTargetOption = 'joints',
+    pace: PaceOption = 0.0,
     without: Annotated[
         list[str] | None,
         typer.Option(metavar='NODE', help='Do not start this node, because another node replaces it; repeatable.'),
@@ -82,6 +86,8 @@ def run(
 
     Example: `pkm run --machine planar --cycles 20 --learning-target tool`
 
+    Example: `pkm run --cycles 3 --pace 1`
+
     Example: `pkm run --without joint_controller_d3`
     """
     discover_on_this_computer()
@@ -89,7 +95,9 @@ def run(
     namespace = namespace_of(namespace)
     goal = _Goal.checked(machine_name, motion, cycles, law, controller, learned, save_learned, learning_target)
     cell = {'control': controller, 'seed': seed, 'environment': environment, 'without': without or []}
-    cell |= {'learning_target': learning_target}
+    cell |= {'learning_target': learning_target, 'pace': checked_pace(pace, '--pace')}
+    if pace and 'machine' in cell['without']:
+        raise PkmError(f'--pace: {pace} given with --without machine; the machine of this cell has the pace')
     # refuses unknown names before a process starts
     options = {'seed': seed, 'environment': environment, 'without': cell['without']}
     cell_nodes(machine_name, control=controller, learning_target=learning_target, **options)
@@ -97,7 +105,8 @@ def run(
     if (out / 'results.json').exists():
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
     try:
-        log, records, session, not_saved = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
+        driven = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
+        log, records, session, not_saved, figures_of_pace = driven
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     hashes = {record.facts.get('config_hash', '') for record in records}
@@ -110,7 +119,7 @@ def run(
         )
     cell['session'] = session
     log.notices.extend(filter(None, [goal.still]))
-    results = _results(goal, cell, arrangement, expected, log, records)
+    results = _results(goal, cell, arrangement, expected, log, records) | {'pace': figures_of_pace}
     do_all(  # a full disk loses one of these, not all
         lambda: _print_tables(console, goal.machine.name, records),
         lambda: write_json(out / 'results.json', results),
@@ -183,7 +192,21 @@ class _Goal:
 
 
 def _drive(console, machine_name, arrangement, namespace, cell_options, goal, out):
-    """Return the `CycleLog` of the cell, the `CycleRecord`s of its bags, its session, and why nothing was saved."""
+    """
+    Run the goal.
+
+    Returns
+    -------
+    log, records : CycleLog, list of CycleRecord
+        Of the cycles and their bags.
+    session : str
+        Of the cell.
+    not_saved : str
+        Why the learned feedforward was not saved, '' if it was or need not be.
+    pace : dict
+        Figures of a `MachineWatch`.
+
+    """
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
     from pkm_nodes.clients.own_bags import read_own
@@ -206,14 +229,25 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
             bar.show(feedback.cycle, f'{what}: worst axis {worst:5.1f} um')
 
         learned = goal.learned.resolve() if goal.learned else ''
-        log = client.execute(goal.motion, goal.cycles, goal.law, check, on_feedback, learned=learned)
+
+        shown = ''  # pause of the machine
+
+        def check_and_tell():
+            nonlocal shown
+            check()
+            if client.machine.pause != shown:
+                shown = client.machine.pause
+                bar.show(name=f'{what}: {shown}' if shown else what)
+
+        log = client.execute(goal.motion, goal.cycles, goal.law, check_and_tell, on_feedback, learned=learned)
+        pace = client.pace_figures(check) if cell_options['pace'] else client.machine.figures()
         not_saved = ''
         if goal.save_learned:
             try:
                 client.save_learned(goal.save_learned.resolve(), check)
             except PkmError as error:  # the cycles have run: their results are kept
                 not_saved = str(error)
-        return log, read_own(log.bags, cell), cell.session, not_saved
+        return log, read_own(log.bags, cell), cell.session, not_saved, pace
 
 
 def _results(goal, cell, arrangement, hash_of_config, log, records):
@@ -250,6 +284,8 @@ def _print_account(console, results, out):
         f'{results["ticks_per_second_in_cycles"]:.0f} ticks/s while moving, '
         f'{results["ticks_per_second"]:.0f} ticks/s with the pauses for learning ({results["arrangement"]})'
     )
+    if results['pace']['asked']:
+        console.plain(sentence(results['pace']))
     for notice in results['notices']:
         console.plain(notice)
     console.print(f'{recorded} messages recorded of {expected} expected: {lost} lost')
