@@ -23,6 +23,7 @@ from std_srvs.srv import Trigger
 
 from pkm_core.errors import ConfigError
 from pkm_core.machines.geometry import load_geometry
+from pkm_core.machines.identity import Specimen
 from pkm_core.plant.plant import Plant
 from pkm_core.servo.cycle_actions import Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
 from pkm_core.servo.cycle_run import SEND_SAMPLES, CycleRun, CycleState
@@ -38,6 +39,8 @@ from pkm_nodes.parts.cell_lock import CellLock
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.intruders import Intruders
 from pkm_nodes.parts.node_geometry import NodeGeometry
+from pkm_nodes.parts.rate import TickRates
+from pkm_nodes.parts.standstill import Standstill
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] /clock is published at 100 Hz of simulated time: ROS tools need no more, and every node receives it
@@ -77,12 +80,14 @@ class MachineNode(PkmNode):
         self._joints = machine.joints
         self._resolution = machine.encoder_resolution
         self._sample_time = machine.sample_time
+        self.hardware_id = str(Specimen.simulated(machine.name, seed, environment))
         self._plant = Plant(machine, seed, environment=environment)
         self._lock = CellLock(self.get_namespace(), self.get_fully_qualified_name(), self.session)
         self._motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
         self._laser = LaserNode(machine, seed, environment)
         self.parts = [*self._motors, self._laser]
         self._barrier = TickBarrier(len(self._joints), answer_timeout)
+        self._rates = TickRates(self._barrier)
         self._run = CycleRun(self._joints, start_timeout, answer_timeout, window if wait_for_recorder else None)
         self._laser.zero(self._barrier.tick, self._plant.truth)
 
@@ -91,7 +96,7 @@ class MachineNode(PkmNode):
         self._events = CycleEvents(self, 'machine')
         self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
         subscribe_events(self, self._on_event, self._joints)
         self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick, size=UINT64.size)
         taken = [*self.tick_subscriptions, *(sub for motor in self._motors for sub in motor.tick_subscriptions)]
@@ -99,9 +104,8 @@ class MachineNode(PkmNode):
         self._intruders = Intruders(self, taken, others)
         self.create_service(Trigger, 'machine/reset', self._on_reset)
         self.offer('machine/stop', self._on_stop)
-        wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(0.05, self._watch, clock=wall)
-        self.create_timer(1.0, self._publish_diagnostics, clock=wall)
+        self.create_timer(0.05, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._standstill = Standstill(self, machine, self._look_at_rest, self._publish_diagnostics)
 
     def _on_command(self, joint, data):
         tick, _, voltage, _, _ = unpack_command(data)
@@ -134,6 +138,7 @@ class MachineNode(PkmNode):
     def _watch(self):
         """Check every wait against its timeout, in wall time."""
         now = monotonic()
+        self._barrier.look(now)
         if missing := self._barrier.overdue(now):
             described = ', '.join(map(self._describe_missing, missing))
             self._perform(self._run.unanswered(self._barrier.tick, self._barrier.waited(now), described))
@@ -159,14 +164,20 @@ class MachineNode(PkmNode):
                     self._publish_event(CycleEvent.STARTED, cycle, samples=samples)
                 case Finish(cycle, samples):
                     self._laser.publish()
+                    self._standstill.publish()
                     self._report_intruders()
                     self._publish_event(CycleEvent.FINISHED, cycle, samples=samples)
                 case Refuse(cycle, reason):
                     self._publish_event(CycleEvent.REFUSED, cycle, message=reason)
                 case StopSafely(cycle, samples, reason):
                     self._stop_safely(reason)
+                    self._standstill.publish()
                     self._report_intruders()
                     self._publish_event(CycleEvent.FAULT, cycle, samples=samples, message=reason)
+
+    def _look_at_rest(self):
+        """Return (next tick, counts) between cycles, None in a cycle."""
+        return None if self._run.is_running else (self._barrier.tick, self._plant.counts)
 
     def _report_intruders(self):
         """Publish a NOTICE if there are publishers whose messages are dropped, once per cycle for each of them."""
@@ -230,6 +241,7 @@ class MachineNode(PkmNode):
                 case GoHome(cycle, message):
                     self._plant.reset()
                     self._laser.zero(self._barrier.tick, self._plant.truth)
+                    self._standstill.publish()
                     self._publish_event(CycleEvent.RESET, cycle)
                     response.success, response.message = True, message
                 case RefuseReset(message):
@@ -261,6 +273,7 @@ class MachineNode(PkmNode):
                 REFUSED: refused,
                 FOREIGN: foreign,
                 OTHERS: others,
+                **self._rates.values(),
                 **{f'stale commands {joint}': count for joint, count in stale},
             },
             time_of_tick(tick, self._sample_time),
