@@ -51,7 +51,7 @@ def test_late_subscriber_gets_the_description(graph, name):
 
 @single
 @pytest.mark.parametrize('name', ['four_dof', 'planar', 'xy_stage'])
-def test_description_and_transforms_close_the_loops_at_the_pose(graph, name):
+def test_description_and_transforms_close_the_loops(graph, name):
     """By two ways, to 1 nm: the URDF at the published joint_states, and the published transforms."""
     machine = load_machine(name)
     described = graph.listen(String, 'robot_description', LAST_VALUE_QOS)
@@ -85,7 +85,7 @@ def test_description_and_transforms_close_the_loops_at_the_pose(graph, name):
 
 
 @single
-def test_transforms_at_rest_are_sent_when_new_or_to_a_new_subscriber(graph):
+def test_transforms_at_rest_are_not_repeated(graph):
     """A transform with the same time is not repeated: buffers of tf2 would keep every copy."""
     machine = load_machine('xy_stage')
     graph.start(StateEstimatorNode, machine='xy_stage')

@@ -80,8 +80,8 @@ class MachineNode(PkmNode):
         self._joints = machine.joints
         self._resolution = machine.encoder_resolution
         self._sample_time = machine.sample_time
-        self.hardware_id = str(Specimen.simulated(machine.name, seed, environment))
         self._plant = Plant(machine, seed, environment=environment)
+        self.hardware_id = str(Specimen.simulated(machine.name, seed, environment))
         self._lock = CellLock(self.get_namespace(), self.get_fully_qualified_name(), self.session)
         self._motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
         self._laser = LaserNode(machine, seed, environment)
