@@ -91,7 +91,7 @@ def frames(links_of_machine, positions):
     for link in links_of_machine:
         turn, origin = found[link.parent]
         local_turn, local_origin = local_frame(link, positions)
-        found[link.name] = (_product(turn, local_turn), moved(turn, origin, local_origin))
+        found[link.name] = (product(turn, local_turn), moved(turn, origin, local_origin))
     return found
 
 
@@ -103,13 +103,13 @@ def local_frame(link, positions):
     position = link.factor * positions[link.variable]
     if link.kind == 'prismatic':
         return turn, moved(turn, origin, [position * part for part in link.axis])
-    return _product(turn, _turn(link.axis, position)), origin
+    return product(turn, _turn(link.axis, position)), origin
 
 
 def moved(turn, origin, point):
     """Return in the parent frame the `point` (x, y, z) of a frame at `origin`, rotated by the quaternion `turn`."""
     w, x, y, z = turn
-    _, *rotated = _product(_product(turn, (0.0, *point)), (w, -x, -y, -z))
+    _, *rotated = product(product(turn, (0.0, *point)), (w, -x, -y, -z))
     return tuple(start + part for start, part in zip(origin, rotated, strict=True))
 
 
@@ -126,8 +126,8 @@ def _turn(axis, angle):
     return (math.cos(0.5 * angle), *(sine * part for part in axis))
 
 
-def _product(a, b):
-    """Return the product of two quaternions: first `b`, then `a`."""
+def product(a, b):
+    """Return the product of two quaternions (w, x, y, z): first `b`, then `a`."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
