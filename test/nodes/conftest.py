@@ -51,11 +51,11 @@ class Graph:
         self._add(self.node)
         self.events = self.listen(CycleEvent, 'cycle_events')
 
-    def start(self, node_type, **parameters):
+    def start(self, node_type, *, namespace='pkm', **parameters):
         """Return a running node with these parameters; a machine includes its motors and laser."""
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self._has_litter = True  # until it is made; one that refuses its parameters cannot be destroyed
-        node = node_type(parameter_overrides=overrides)
+        node = node_type(namespace=namespace, parameter_overrides=overrides)
         self._has_litter = False
         for each in (node, *getattr(node, 'parts', ())):
             self._add(each)

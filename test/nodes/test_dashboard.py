@@ -186,13 +186,16 @@ def test_text_from_the_graph_is_escaped(cell):
 def test_dashboard_reads_the_machine_parameter_of_each_machine(graph, dashboard):
     assert dashboard.cell.machine is None
     first = graph.start(MachineNode, machine='four_dof')
-    graph.spin_until(lambda: dashboard.cell.status == Status.STANDING, 'a standing machine')
-    assert dashboard.cell.machine.name == 'four_dof'
+
+    def stands(name):
+        cell = dashboard.cell
+        return cell.machine is not None and cell.machine.name == name and cell.status == Status.STANDING
+
+    graph.spin_until(lambda: stands('four_dof'), 'a standing machine')
     graph.stop(first)
     graph.spin_until(lambda: dashboard.cell.status == Status.AWAY, 'the end of the machine')
     graph.start(MachineNode, machine='planar')
-    graph.spin_until(lambda: dashboard.cell.status == Status.STANDING, 'a standing machine')
-    assert dashboard.cell.machine.name == 'planar'
+    graph.spin_until(lambda: stands('planar'), 'a standing machine')
     metrics = graph.publisher(CycleMetrics, 'd3/cycle_metrics')
     metrics.publish(CycleMetrics(cycle=4, joint='d3', max_dynamic_error=1e-6))
     graph.spin_until(lambda: dashboard.cell.errors == {4: {'d3': 1e-6}}, 'metrics of the new machine')
@@ -246,6 +249,7 @@ def test_missing_and_duplicate_nodes_are_named(graph, dashboard):
         return {line.name: (line.good, line.text) for line in dashboard.cell.nodes}
 
     graph.spin_until(lambda: states().get('machine') == (True, 'standing'), 'the diagnostics of the machine')
+    graph.spin_until(lambda: 'learning' in states(), 'the list of the nodes of this machine')
     assert states()['trajectory_generator'] == (False, '2 of that name')
     assert states()['linear_motor_d1'] == (True, 'up')
     assert states()['learning'] == states()['joint_controller_d1'] == (False, 'missing')

@@ -11,7 +11,7 @@ from rclpy.action import get_action_names_and_types
 from rclpy.parameter import Parameter
 
 from pkm_nodes.graph import cell_nodes
-from pkm_nodes.messages.diagnostics import values_of
+from pkm_nodes.messages.diagnostics import node_of, values_of
 from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.nodes.cell import NODES
 from pkm_nodes.nodes.dashboard import DashboardNode
@@ -137,7 +137,7 @@ def test_keys_of_diagnostics_are_documented(graph, machine, tmp_path):
     latest = {}
 
     def has_all():
-        latest.update({status.name.removeprefix('/pkm/'): status for array in received for status in array.status})
+        latest.update({node_of(status).removeprefix('/pkm/'): status for array in received for status in array.status})
         return latest.keys() == keys.keys()
 
     graph.spin_until(has_all, 'the diagnostics of every kind of node')

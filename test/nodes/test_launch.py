@@ -1,5 +1,5 @@
 """
-The launch file: its arguments, and that it starts the nodes of graph.py.
+The launch files: their arguments, the nodes of graph.py, and RViz with the layout of a cell.
 
 There is no package `launch` among the wheels that this project is set up from, so stand-ins of the same names record
 what the file asks for. What a real `ros2 launch` did with it is in docs/launch.md.
@@ -12,12 +12,13 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+import yaml
 
 from pkm_core.config import find_config
 from pkm_core.errors import ConfigError, PkmError
 from pkm_nodes.graph import cell_nodes
 
-FILE = Path(__file__).parents[2] / 'src' / 'pkm_nodes' / 'launch' / 'cell.launch.py'
+SHARE = Path(__file__).parents[2] / 'src' / 'pkm_nodes'
 
 
 class DeclareLaunchArgument(SimpleNamespace):
@@ -34,8 +35,8 @@ class LaunchConfiguration:
 
 
 @pytest.fixture
-def launch(monkeypatch):
-    """Return a function: the nodes that the launch file starts with the given arguments, each as its keywords."""
+def load(monkeypatch):
+    """Return a function: what a launch file starts with given arguments, each node as its keywords."""
     modules = {
         'launch': {'LaunchDescription': list},
         'launch.actions': {
@@ -50,14 +51,23 @@ def launch(monkeypatch):
         module = ModuleType(name)
         module.__dict__.update(content)
         monkeypatch.setitem(sys.modules, name, module)
-    *arguments, action = runpy.run_path(str(FILE))['generate_launch_description']()
-    defaults = {argument.name: argument.default_value for argument in arguments}
 
-    def start(**given):
-        assert given.keys() <= defaults.keys()
-        return action.function(defaults | given)
+    def load_file(name):
+        *arguments, action = runpy.run_path(str(SHARE / 'launch' / name))['generate_launch_description']()
+        defaults = {argument.name: argument.default_value for argument in arguments}
 
-    return start
+        def start(**given):
+            assert given.keys() <= defaults.keys()
+            return action.function(defaults | given)
+
+        return start
+
+    return load_file
+
+
+@pytest.fixture
+def launch(load):
+    return load('cell.launch.py')
 
 
 def test_composed_cell_is_one_process_with_the_arguments(launch):
@@ -141,3 +151,32 @@ def test_invalid_pace_is_refused_with_its_range(launch, pace):
 def test_seed_must_be_a_whole_number(launch, seed):
     with pytest.raises(PkmError, match=re.escape(f"seed: '{seed}' given; expected an integer, 0 or more")):
         launch(seed=seed)
+
+
+@pytest.mark.parametrize(
+    ('namespace', 'prefix', 'clock'), [('pkm', '', []), ('line/left', 'line/left/', [('/clock', '/line/left/clock')])]
+)
+def test_rviz_shows_the_model_and_frames_of_the_cell(load, namespace, prefix, clock):
+    (rviz,) = load('display.launch.py')(namespace=namespace)
+    assert (rviz.package, rviz.remappings, rviz.parameters) == ('rviz2', clock, [{'use_sim_time': True}])
+    file = Path(rviz.arguments[1])
+    manager = yaml.safe_load(file.read_text(encoding='utf-8'))['Visualization Manager']
+    if prefix:
+        file.unlink()
+    shown = {display['Name']: display for display in manager['Displays']}
+    assert manager['Global Options']['Fixed Frame'] == f'{prefix}base_link'
+    assert shown['Machine']['TF Prefix'] == prefix.rstrip('/')
+    topic = shown['Machine']['Description Topic']
+    assert (topic['Value'], topic['Durability Policy']) == (f'/{namespace}/robot_description', 'Transient Local')
+    assert shown['Pose']['Topic']['Value'] == f'/{namespace}/pose'
+
+
+def test_analyzers_select_every_diagnosed_node_once():
+    """diagnostic_aggregator compares the begin of a name; what fits no analyzer is listed as `Other`."""
+    file = SHARE / 'layouts' / 'diagnostics.yaml'
+    groups = yaml.safe_load(file.read_text(encoding='utf-8'))['analyzers']['ros__parameters']
+    begins = [begin for group in groups.values() if isinstance(group, dict) for begin in group['startswith']]
+    names = [spec.name for control in ('robust', 'computed_torque') for spec in cell_nodes('four_dof', control=control)]
+    silent = {'trajectory_generator', 'inverse_kinematics', 'learning', 'identification', 'calibration'}
+    for name in set(names) - silent:
+        assert sum(f'/pkm/{name}: state'.startswith(begin) for begin in begins) == 1, name

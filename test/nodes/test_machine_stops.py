@@ -39,9 +39,9 @@ def test_missing_answers_stop_the_machine_and_name_the_joints(graph, controllers
     for heard in controllers.samples.values():
         assert [s.tick for s in heard] == list(range(fault.tick))
         assert [s.mode for s in heard] == [EncoderSample.RUN] * 5 + [EncoderSample.SAFE_STOP] * BRAKE_TICKS
-    diagnostics.clear()
-    graph.spin_until(lambda: diagnostics, 'diagnostics')
-    assert fault.message in diagnostics[-1].status[0].message
+    graph.spin_until(
+        lambda: diagnostics and fault.message in diagnostics[-1].status[0].message, 'the fault in the diagnostics'
+    )
 
 
 def test_after_a_safe_stop_cycles_are_refused_until_reset(graph, controllers, machine):

@@ -14,7 +14,7 @@ from pkm_core.design.calibration import built_machine
 from pkm_core.design.pose_covariance import PoseCovariance
 from pkm_core.errors import ConfigError
 from pkm_core.machines import load_machine
-from pkm_core.machines.description import base_boxes, frames, joint_positions, links, moved
+from pkm_core.machines.description import ROOT, base_boxes, frames, joint_positions, links, moved
 from pkm_core.machines.geometry import load_geometry
 from pkm_core.machines.identity import Specimen
 from pkm_core.recording.topics import STATES_EVERY
@@ -69,7 +69,7 @@ def test_pose_is_the_forward_kinematics_of_every_twentieth_tick(graph, encoders,
         x, y, z, phi = machine.forward(positions[tick])
         pose = message.pose
         assert nanoseconds(message) == tick * round(machine.sample_time * 1e9)
-        assert message.header.frame_id == 'base'
+        assert message.header.frame_id == 'base_link'
         assert (pose.position.x, pose.position.y, pose.position.z) == (x, y, z)
         assert (pose.orientation.x, pose.orientation.y) == (0.0, 0.0)
         assert (pose.orientation.z, pose.orientation.w) == (sin(phi / 2), cos(phi / 2))
@@ -128,7 +128,7 @@ def test_twist_is_the_mean_speed_of_the_platform(graph, encoders, machine):
     speeds = (machine.forward(end) - machine.forward(start)) / 0.01
     assert (twist.linear.x, twist.linear.y, twist.linear.z, twist.angular.z) == pytest.approx(tuple(speeds))
     assert (twist.angular.x, twist.angular.y) == (0.0, 0.0)
-    assert twists[0].header.frame_id == 'base'
+    assert twists[0].header.frame_id == 'base_link'
     # the mean of J(q) qd over the step, whose ends differ by the curvature over 0.5 mm
     middle = machine.jacobian((start + end) / 2) @ ((end - start) / 0.01)
     assert speeds == pytest.approx(middle, rel=1e-3)
@@ -192,14 +192,14 @@ def test_markers_show_every_box_at_its_position(graph, encoders, machine):
     markers = {(marker.ns, marker.id): marker for marker in arrays[0].markers}
     described = links(machine)
     boxes = {(link.name, i): box for link in described for i, box in enumerate(link.boxes)}
-    boxes |= {('base', i): box for i, box in enumerate(base_boxes(machine))}
+    boxes |= {(ROOT, i): box for i, box in enumerate(base_boxes(machine))}
     assert markers.keys() == boxes.keys()
     found = frames(described, joint_positions(machine, q))
     for (name, number), box in boxes.items():
         marker = markers[name, number]
         turn, origin = found[name]
         assert marker.type == Marker.CUBE
-        assert marker.header.frame_id == 'base'
+        assert marker.header.frame_id == 'base_link'
         assert (marker.scale.x, marker.scale.y, marker.scale.z) == box.size
         place, stands = marker.pose.position, marker.pose.orientation
         assert (place.x, place.y, place.z) == moved(turn, origin, box.centre)

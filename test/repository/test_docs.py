@@ -26,6 +26,7 @@ SLOW = ['docs/control.md', 'docs/design.md']
 EXEMPT = {
     ('README.md', 'bringup_scripts/test'): 'it runs this test; CI runs it',
     ('docs/control.md', 'ros2 launch '): 'the wheels have no launch; test/nodes/test_launch.py reads the file',
+    ('docs/frames.md', 'ros2 launch '): 'the wheels have no launch; test/nodes/test_launch.py reads the file',
     ('docs/launch.md', 'ros2 '): 'the wheels have no launch; test/nodes/test_launch.py reads the file',
     ('docs/docker.md', 'docker '): 'there is no Docker engine; test/repository/test_docker.py reads the files',
     ('docs/docker.md', 'PKM_SECURITY=true '): 'there is no Docker engine',

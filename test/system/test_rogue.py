@@ -22,7 +22,7 @@ from pkm_interfaces.msg import CycleEvent, EncoderSample, MotorCommand, SampledT
 from pkm_nodes.clients.cell_client import CellClient
 from pkm_nodes.clients.cell_processes import CellProcesses
 from pkm_nodes.clients.own_bags import read_own
-from pkm_nodes.messages.diagnostics import values_of
+from pkm_nodes.messages.diagnostics import node_of, values_of
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, REQUEST_QOS
 
 DOMAIN = 128
@@ -63,7 +63,7 @@ class Rogue:
         self._thread.start()
 
     def _on_diagnostics(self, message):
-        found = [values_of(status) for status in message.status if status.name == '/pkm/machine']
+        found = [values_of(status) for status in message.status if node_of(status) == '/pkm/machine']
         self.diagnosed += [values for values in found if values['fault'] != 'forged']
 
     def _run(self):

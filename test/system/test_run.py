@@ -146,6 +146,7 @@ def test_rates_and_frames_of_the_docs_match_a_recorded_cycle(runs):
                 assert frames[name] == (frame if frame != '-' else ''), name
     not_recorded = {'/pkm/recorder/tick', '/pkm/machine/cycle', '/clock', '/diagnostics', '/pkm/cycle_events'}
     not_recorded |= {'/pkm/geometry', '/pkm/pose_with_covariance', '/pkm/joint_correction'}
+    not_recorded |= {'/pkm/transforms', '/pkm/transforms_static', '/pkm/robot_description', '/pkm/machine/standing'}
     assert left_out == not_recorded | {f'/pkm/{joint}/cycle_error' for joint in JOINTS}
     assert counts['/pkm/cycle_events'] >= 6  # RECORDED follows the closing of the bag
     assert {name for name, frame in frames.items() if frame} == {'/pkm/pose', '/pkm/twist', '/pkm/markers'}

@@ -15,6 +15,7 @@ from pkm_core.bag.reader import read_topics
 from pkm_core.control.robust import load_control
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
+from pkm_core.machines.description import ROOT
 from pkm_core.motion.planning import default_motion, load_motion, plan
 from pkm_core.motion.trajectory import to_joints
 from pkm_core.simulation.cycles import run_cycles
@@ -72,6 +73,13 @@ def test_each_cell_gives_the_bits_of_a_single_cell(runs, name):
     for number, record in enumerate(records):
         assert np.array_equal(record.counts, alone.counts[number])
         assert np.array_equal(record.voltage, alone.voltage[number])
+
+
+@pytest.mark.parametrize('name', CELLS)
+def test_frames_of_each_cell_have_its_namespace(runs, name):
+    (path, *_) = sorted((runs[0][name] / 'bags').iterdir())
+    poses = read_topics(path, [f'/{name}/pose'])[f'/{name}/pose']
+    assert {pose.header.frame_id for pose in poses} == {f'{name}/{ROOT}'}
 
 
 @pytest.mark.parametrize('name', CELLS)

@@ -80,6 +80,11 @@ def clock_of(namespace):
     return [] if namespace == NAMESPACE else [('/clock', f'{namespace}/clock')]
 
 
+def frame_prefix_of(namespace):
+    """Return what the frames of a cell in `namespace` begin with: '' in /pkm, 'left/' in /left, as for the clock."""
+    return '' if namespace == NAMESPACE else f'{namespace.strip("/")}/'
+
+
 def _yaml(value):
     """Return `value` for a ROS command line; a text that YAML would read as something else (y, 1e3) is quoted."""
     if isinstance(value, bool):

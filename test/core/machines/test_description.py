@@ -1,23 +1,27 @@
-"""The description of a machine: its tree agrees with the kinematics, and the URDF files are generated from it."""
-
-from pathlib import Path
-from xml.etree import ElementTree
+"""The description of a machine: its tree agrees with the kinematics of the drawing and of a built machine."""
 
 import numpy as np
 import pytest
 
+from pkm_core.design.calibration import built_machine
 from pkm_core.machines import load_machine
-from pkm_core.machines.description import ROOT, frames, joint_positions, links, moved, urdf
+from pkm_core.machines.description import TOOL, frames, joint_positions, links, moved
 
-URDF = Path(__file__).parents[3] / 'src' / 'pkm_nodes' / 'urdf'
 MACHINES = ('four_dof', 'planar', 'xy_stage')
 # [m] a dozen rotations and a few square roots of numbers of size 0.1
 EXACT = 1e-14
 
 
-@pytest.fixture(params=MACHINES)
+# [m] differences of a built machine from its drawing, a different one for each length and mark
+VARIED = ('l2', 'l4', 'l6', 'l8', 'k10', 'k12', 'dx', 'dy', 'dz', 'd1', 'd5')
+OFF = {name: 1e-5 * (5 + i) for i, name in enumerate(VARIED)}
+
+
+@pytest.fixture(params=[*MACHINES, 'four_dof built', 'planar built'])
 def machine(request):
-    return load_machine(request.param)
+    name, *built = request.param.split()
+    machine = load_machine(name)
+    return built_machine(machine, OFF) if built else machine
 
 
 def positions_within(machine, count):
@@ -28,7 +32,7 @@ def positions_within(machine, count):
 
 def test_tool_frame_is_the_forward_kinematics(machine):
     for q in positions_within(machine, 20):
-        turn, origin = frames(links(machine), joint_positions(machine, q))['tool']
+        turn, origin = frames(links(machine), joint_positions(machine, q))[TOOL]
         pose = dict(zip(machine.coordinates, machine.forward(q), strict=True))
         assert origin == pytest.approx([pose['x'], pose['y'], pose.get('z', 0.0)], abs=EXACT)
         phi = pose.get('phi', 0.0)
@@ -54,26 +58,3 @@ def test_cut_loops_are_closed(name, bar, length, meets):
         found = frames(links(machine), joint_positions(machine, q))
         end = moved(*found[bar], (getattr(machine.config.geometry, length), 0.0, 0.0))
         assert end == pytest.approx(found[meets][1], abs=EXACT)
-
-
-def test_urdf_is_one_tree_driven_by_joint_states(machine):
-    robot = ElementTree.fromstring(urdf(machine).encode())
-    joints = robot.findall('joint')
-    children = [joint.find('child').get('link') for joint in joints]
-    assert sorted([ROOT, *children]) == sorted(link.get('name') for link in robot.findall('link'))
-    assert len(set(children)) == len(children)
-    known = joint_positions(machine, machine.home)
-    for joint in joints:
-        mimic = joint.find('mimic')
-        assert joint.get('type') == 'fixed' or (mimic.get('joint') if mimic is not None else joint.get('name')) in known
-    for name, lower, upper in zip(machine.joints, machine.limits.lower, machine.limits.upper, strict=True):
-        limit = robot.find(f"joint[@name='{name}']/limit")
-        assert (float(limit.get('lower')), float(limit.get('upper'))) == pytest.approx((lower, upper))
-
-
-def test_urdf_file_is_that_of_the_configuration(machine):
-    file = URDF / f'{machine.name}.urdf'
-    assert file.read_text(encoding='utf-8') == urdf(machine), (
-        f'{file} is old; renew it: python -c "from pkm_core.machines.description import urdf; '
-        f"from pkm_core.machines import load_machine; print(urdf(load_machine('{machine.name}')), end='')\" > {file}"
-    )

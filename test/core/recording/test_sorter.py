@@ -53,6 +53,25 @@ def test_late_message_is_warned_of(cell):
     assert cell.warnings == ['/pkm/d1/encoder: a message of cycle 1 arrived after its bag was closed; not recorded']
 
 
+def test_states_at_standstill_are_in_no_bag(cell):
+    """Their stamp is half a tick from the ticks around it; they may arrive before, during and after a cycle."""
+    cell.states(0.5)  # power-up
+    cell.load(1)
+    cell.states(0.5)
+    cell.run(1, 0)
+    cell.states(SAMPLES - 0.5)
+    cell.finish(1, SAMPLES)
+    for _ in range(3):
+        cell.states(SAMPLES - 0.5)
+    cell.play(2, SAMPLES)
+    assert [(each.lost, each.surplus) for each in cell.recording.outcomes] == [({}, {}), ({}, {})]
+    for number, outcome in enumerate(cell.recording.outcomes):
+        ticks = [tick for tick in range(number * SAMPLES, (number + 1) * SAMPLES) if tick % 20 == 0]
+        found = [time for topic, _, _, time in raw_messages(outcome.path) if topic == '/pkm/pose']
+        assert found == [500_000 * tick for tick in ticks]
+    assert cell.warnings == []
+
+
 def test_message_without_tick_goes_into_running_cycle(tmp_path):
     topics = recorded_topics(JOINTS)
     cell = Cell(tmp_path)

@@ -113,3 +113,16 @@ def test_ticks_advance_only_with_one_answer_per_joint(events):
             assert barrier.volts == [first[j] for j in range(3)]
             barrier.next_tick()
             awaited, first = False, {}
+
+
+def test_late_answers_are_counted_once_per_tick():
+    barrier = barrier_at(7, answered=[0])
+    for now in (100.01, 100.2, 100.4):
+        barrier.look(now)
+    assert (barrier.late, barrier.longest) == (1, pytest.approx(0.4))
+    barrier.answer(1, 7, 1.0)
+    barrier.look(109.0)  # closed
+    barrier.next_tick()
+    barrier.open(110.0)
+    barrier.look(110.3)
+    assert (barrier.late, barrier.longest) == (2, pytest.approx(0.4))

@@ -15,7 +15,7 @@ from pkm_core.bag.layout import layout_of
 from pkm_core.bag.message_types import typestore
 from pkm_core.errors import PkmError
 from pkm_core.recording.block import Block, numbers_at, rows, single
-from pkm_core.recording.topics import By
+from pkm_core.recording.topics import By, is_at_standstill
 
 _EVENT = 'pkm_interfaces/msg/CycleEvent'
 _SECOND = 1_000_000_000  # ns
@@ -156,7 +156,9 @@ class Sorter:
             return
         seconds = self._numbers(topic, f'{stamp}.sec', messages).astype(np.int64)
         nanoseconds = _SECOND * seconds + self._numbers(topic, f'{stamp}.nanosec', messages)
-        self._states.append(Block(topic, messages, nanoseconds // self._tick_ns))
+        of_tick = ~is_at_standstill(nanoseconds, self._tick_ns)
+        if of_tick.any():
+            self._states.append(Block(topic, messages[of_tick], nanoseconds[of_tick] // self._tick_ns))
 
     def _take_timed(self, topic, messages):
         nanoseconds = np.rint(self._numbers(topic, 'time', messages) * 1e9).astype(np.int64)

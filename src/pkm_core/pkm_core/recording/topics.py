@@ -31,6 +31,15 @@ class RecordedTopic(NamedTuple):
     optional: bool = False  # a cell is complete without it: replacements of nodes need not publish it
 
 
+def is_at_standstill(nanoseconds, tick):
+    """
+    Return whether a stamp [ns], number or array, is between two ticks of `tick` [ns]: of a machine that stands.
+
+    Such states are published between cycles, in wall time, and belong to none.
+    """
+    return nanoseconds % tick == tick // 2
+
+
 def recorded_topics(joints):
     """Return the `RecordedTopic`s of a cell with `joints`."""
     per_joint = [

@@ -2,6 +2,9 @@
 
 from math import isfinite
 
+# [s] an answer that takes longer is late: a tick of a whole cell takes a five-hundredth of it
+LATE = 0.05
+
 
 class TickBarrier:
     """
@@ -27,10 +30,17 @@ class TickBarrier:
         Number of answers that were not applied: to another tick, a second answer, or to a closed barrier.
     complaints : dict of int to str
         Why an answer to the current tick was refused, by joint.
+    late : int
+        Number of ticks of which `look` saw an answer missing for more than `LATE`.
+    longest : float
+        [s] the longest of these waits that `look` saw.
 
     """
 
-    __slots__ = ('_all', '_bits', '_missing', '_opened_at', '_timeout', 'complaints', 'stale', 'tick', 'volts')
+    __slots__ = (
+        *('_all', '_bits', '_late_tick', '_missing', '_opened_at', '_timeout'),
+        *('complaints', 'late', 'longest', 'stale', 'tick', 'volts'),
+    )
 
     def __init__(self, joints, timeout):
         self.tick = 0
@@ -42,6 +52,7 @@ class TickBarrier:
         self._all = (1 << joints) - 1
         self._missing = 0  # one bit per joint without an accepted answer; 0 when the barrier is closed
         self._opened_at = 0.0
+        self.late, self.longest, self._late_tick = 0, 0.0, -1
 
     @property
     def is_open(self):
@@ -91,6 +102,13 @@ class TickBarrier:
     def waited(self, now):
         """Return the time since `open` [s]; `now` is [s, monotonic]."""
         return now - self._opened_at
+
+    def look(self, now):
+        """Count the current tick as late if an answer is missing for more than `LATE` at `now` [s, monotonic]."""
+        if not self._missing or self.waited(now) <= LATE:
+            return
+        self.late += self.tick != self._late_tick
+        self._late_tick, self.longest = self.tick, max(self.longest, self.waited(now))
 
     def overdue(self, now):
         """Return `missing` when the wait exceeds the timeout at `now` [s, monotonic], and [] before."""

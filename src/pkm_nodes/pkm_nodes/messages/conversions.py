@@ -27,6 +27,16 @@ def nanoseconds_of_tick(tick, sample_time):
     return tick * round(sample_time * 1e9)
 
 
+def nanoseconds_of_standstill(tick, sample_time):
+    """
+    Return the simulated time [ns] of a machine that stands before `tick`: half a tick before it, at power-up after.
+
+    No tick has this time. A recorder separates a state at standstill from those of a cycle by it, see
+    `pkm_core.recording.topics.is_at_standstill`.
+    """
+    return abs(2 * tick - 1) * round(sample_time * 1e9) // 2
+
+
 def is_identification(message):
     """Return whether the cycle of a trajectory message is an experiment of identification."""
     return message.kind == SampledTrajectoryMessage.IDENTIFICATION

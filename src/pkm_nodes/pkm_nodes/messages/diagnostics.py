@@ -1,7 +1,9 @@
 """
 Diagnostics of the nodes: values by documented key, and one line for people.
 
-A program reads the keys, never the message. docs/interfaces.md lists keys and values.
+A program reads the keys, never the message. docs/interfaces.md lists keys and values. A status is named as those of
+diagnostic_updater, by its node and its subject: '/pkm/machine: state'. An analyzer of diagnostic_aggregator selects the
+statuses of a cell by the begin of their names, '/pkm/'.
 """
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -25,6 +27,11 @@ GOAL = 'goal'  # trajectory_generator: the running goal or command and its cycle
 REFUSED_COMMANDS = 'refused commands'  # trajectory_generator: commands by topic that were not run to their end
 REFUSAL = 'refusal'  # trajectory_generator: why the last command by topic was not, '' if it was
 FAILURE = 'failure'  # recorder: why the last cycle was not recorded, '' if it was
+LATE = 'late answers'  # machine: ticks of which an answer was late, see `TickBarrier.look`
+LONGEST = 'longest wait [s]'  # machine: for the answers to one of these ticks
+TICK_RATE = 'tick rate [1/s]'  # machine: ticks per second of wall time since the last status
+STATE_RATE = 'state rate [1/s]'  # state_estimator: states of ticks per second of wall time since the last status
+_SUBJECT = ': state'  # what a status is about; a node has one
 
 
 def diagnostics(node, level, message, values, stamp):
@@ -34,7 +41,7 @@ def diagnostics(node, level, message, values, stamp):
     Parameters
     ----------
     node : PkmNode
-        Named in the status.
+        Named in the status, with its `hardware_id`.
     level : bytes
         OK, WARN or ERROR of DiagnosticStatus.
     message : str
@@ -46,10 +53,16 @@ def diagnostics(node, level, message, values, stamp):
 
     """
     pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    status = DiagnosticStatus(level=level, name=node.get_fully_qualified_name(), message=message, values=pairs)
+    name = node.get_fully_qualified_name() + _SUBJECT
+    status = DiagnosticStatus(level=level, name=name, message=message, hardware_id=node.hardware_id, values=pairs)
     array = DiagnosticArray(status=[status])
     array.header.stamp = stamp
     return array
+
+
+def node_of(status):
+    """Return the full name of the node that a DiagnosticStatus is of; a name without a subject is that of a node."""
+    return status.name.partition(': ')[0]
 
 
 def values_of(status):

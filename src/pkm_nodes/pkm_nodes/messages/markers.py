@@ -9,13 +9,13 @@ from pkm_nodes.messages.template import POSE, STAMP, Template
 
 
 class LinkMarkers:
-    """Makes one CUBE marker per box of `pkm_core.machines.description` from joint positions."""
+    """Makes one CUBE marker per box of `pkm_core.machines.description`, in the base frame, whose name has `prefix`."""
 
-    def __init__(self, machine):
+    def __init__(self, machine, prefix=''):
         self._links = links(machine)
         boxes = {ROOT: base_boxes(machine)} | {link.name: link.boxes for link in self._links}
         self._boxes = [(name, number, box) for name, of_link in boxes.items() for number, box in enumerate(of_link)]
-        self._template = Template(MarkerArray(markers=[_marker(*box) for box in self._boxes]))
+        self._template = Template(MarkerArray(markers=[_marker(prefix + ROOT, *box) for box in self._boxes]))
 
     def message(self, nanoseconds, positions):
         """Return the serialized MarkerArray, in the base frame, of a time [ns] and `positions` of `joint_positions`."""
@@ -27,11 +27,11 @@ class LinkMarkers:
         return self._template.filled(numbers, nanoseconds)
 
 
-def _marker(name, number, box):
+def _marker(frame, name, number, box):
     """Return the marker of a box with gaps for stamp and pose."""
     red, green, blue = box.colour
     return Marker(
-        header=Header(stamp=STAMP, frame_id=ROOT),
+        header=Header(stamp=STAMP, frame_id=frame),
         ns=name,
         id=number,
         type=Marker.CUBE,

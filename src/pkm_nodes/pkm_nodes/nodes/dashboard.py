@@ -32,7 +32,7 @@ from pkm_core.servo.cycle_run import CycleState
 from pkm_interfaces.action import ExecuteMotion
 from pkm_interfaces.msg import CycleMetrics, PlatformPose, SampledTrajectory
 from pkm_nodes.graph import cell_nodes, controller_nodes
-from pkm_nodes.messages.diagnostics import FAULT, STATE, TICK, values_of
+from pkm_nodes.messages.diagnostics import FAULT, STATE, TICK, node_of, values_of
 from pkm_nodes.page.cell import Cell, NodeLine, Notice, Status, home_pose
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.machine_status import subscribe_machine_status
@@ -160,10 +160,11 @@ class DashboardNode(PkmNode):
         self.cell.positions = dict(zip(message.name, message.position, strict=True))
 
     def _on_diagnostics(self, message):
-        self._diagnosed |= {each.name: each for each in message.status if each.name != self._name_of('machine')}
+        of_nodes = {node_of(each): each for each in message.status}
+        self._diagnosed |= {name: each for name, each in of_nodes.items() if name != self._name_of('machine')}
 
     def _on_machine(self, status):
-        self._diagnosed[status.name], values = status, values_of(status)
+        self._diagnosed[node_of(status)], values = status, values_of(status)
         now, tick = monotonic(), int(values.get(TICK, 0))
         if self._ticks is not None and tick < self._ticks[1]:
             self._asked = None  # it was restarted, perhaps as another machine

@@ -37,6 +37,7 @@ class JointControllerNode(PkmNode):
         self._machine, self._chosen, self._loaded_gains = choose_gains(self, 'robust')
         machine = self._machine
         joint = self.setting('joint', machine.joints[0], f'which joint: one of {list(machine.joints)}')
+        self.hardware_id += f', {joint}'
         if joint not in machine.joints:
             raise ConfigError(f'{name}: joint {joint!r}; {machine.name} has {list(machine.joints)}')
         self._joint, self._column, self._model = joint, machine.joints.index(joint), load_model(machine)[joint]

@@ -21,11 +21,12 @@ from std_srvs.srv import Trigger
 
 from pkm_core.errors import ConfigError
 from pkm_core.machines.geometry import load_geometry
+from pkm_core.machines.identity import Specimen
 from pkm_core.plant.plant import Plant
 from pkm_core.servo.cycle_actions import AwaitTurn, Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
 from pkm_core.servo.cycle_run import SEND_SAMPLES, CycleRun, CycleState
 from pkm_core.servo.tick_barrier import TickBarrier
-from pkm_interfaces.msg import CycleEvent, EncoderSample, Standing
+from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.graph import ENVIRONMENTS
 from pkm_nodes.messages.diagnostics import CYCLE, FAULT, FOREIGN, OTHERS, REFUSED, STATE, TICK, diagnostics
 from pkm_nodes.messages.tick_messages import MOTOR_COMMAND, UINT64
@@ -37,6 +38,8 @@ from pkm_nodes.parts.intruders import Intruders
 from pkm_nodes.parts.machine_time import MachineTime
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.parts.pace_control import PaceControl
+from pkm_nodes.parts.rate import TickRates
+from pkm_nodes.parts.standing_reports import StandingReports
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
 # [ticks] /clock is published at 100 Hz of simulated time: ROS tools need no more, and every node receives it
@@ -78,6 +81,7 @@ class MachineNode(PkmNode):
         self._joints = machine.joints
         self._resolution = machine.encoder_resolution
         self._plant = Plant(machine, seed, environment=environment)
+        self.hardware_id = str(Specimen.simulated(machine.name, seed, environment))
         self._lock = CellLock(self.get_namespace(), self.get_fully_qualified_name(), self.session)
         self._motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
         self._laser = LaserNode(machine, seed, environment)
@@ -85,14 +89,14 @@ class MachineNode(PkmNode):
         self._barrier = TickBarrier(len(self._joints), answer_timeout)
         window = window if wait_for_recorder else None
         self._run = CycleRun(self._joints, start_timeout, answer_timeout, self._timing.pace, window)
+        self._rates = TickRates(self._barrier)
         self._laser.zero(self._barrier.tick, self._plant.truth)
 
         # no length is used here; a file of another specimen is refused
         NodeGeometry(self, geometry, check=lambda other: other.check_specimen(seed, environment))
         self._events = CycleEvents(self, 'machine')
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
-        self._standing = self.create_publisher(Standing, 'machine/standing', LAST_VALUE_QOS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
         subscribe_events(self, self._on_event, self._joints)
         self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick, size=UINT64.size)
         taken = [*self.tick_subscriptions, *(sub for motor in self._motors for sub in motor.tick_subscriptions)]
@@ -102,10 +106,8 @@ class MachineNode(PkmNode):
         self.offer('machine/stop', self._on_stop)
         self._timing.serve(self._run, self._barrier, self._perform)
         self._time.serve(self._run, self._barrier, self._timing.pace)
-        wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(0.05, self._watch, clock=wall)
-        self.create_timer(1.0, self._publish_diagnostics, clock=wall)
-        self._report_standing()
+        self.create_timer(0.05, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._standing = StandingReports(self, machine, self._look_at_rest, self._publish_diagnostics)
 
     def _on_command(self, joint, data):
         tick, _, voltage, _, _ = unpack_command(data)
@@ -138,6 +140,7 @@ class MachineNode(PkmNode):
     def _watch(self):
         """Check every wait against its timeout, in wall time."""
         now = monotonic()
+        self._barrier.look(now)
         if missing := self._barrier.overdue(now):
             described = ', '.join(map(self._describe_missing, missing))
             self._perform(self._run.unanswered(self._barrier.tick, self._barrier.waited(now), described))
@@ -166,8 +169,8 @@ class MachineNode(PkmNode):
                     self._publish_event(CycleEvent.STARTED, cycle, samples=samples)
                 case Finish(cycle, samples):
                     self._laser.publish()
+                    self._standing.publish()
                     self._report_intruders()
-                    self._report_standing()
                     self._publish_event(CycleEvent.FINISHED, cycle, samples=samples)
                     if self._timing.pace.factor:
                         self._publish_diagnostics()
@@ -175,15 +178,13 @@ class MachineNode(PkmNode):
                     self._publish_event(CycleEvent.REFUSED, cycle, message=reason)
                 case StopSafely(cycle, samples, reason):
                     self._stop_safely(reason)
+                    self._standing.publish()
                     self._report_intruders()
-                    self._report_standing()
                     self._publish_event(CycleEvent.FAULT, cycle, samples=samples, message=reason)
 
-    def _report_standing(self):
-        """Publish where the machine stands, by its encoders."""
-        position = (self._plant.counts * self._resolution).tolist()
-        named = {'joints': list(self._joints), 'position': position}
-        self._standing.publish(Standing(cycle=self._run.cycle, tick=self._barrier.tick, **named))
+    def _look_at_rest(self):
+        """Return (last cycle, tick of the simulated time, counts) between cycles, None in a cycle."""
+        return None if self._run.is_running else (self._run.cycle, self._time.tick, self._plant.counts)
 
     def _report_intruders(self):
         """Publish a NOTICE if there are publishers whose messages are dropped, once per cycle for each of them."""
@@ -248,7 +249,7 @@ class MachineNode(PkmNode):
                 case GoHome(cycle, message):
                     self._plant.reset()
                     self._laser.zero(self._barrier.tick, self._plant.truth)
-                    self._report_standing()
+                    self._standing.publish()
                     self._publish_event(CycleEvent.RESET, cycle)
                     response.success, response.message = True, message
                 case RefuseReset(message):
@@ -280,6 +281,7 @@ class MachineNode(PkmNode):
                 REFUSED: refused,
                 FOREIGN: foreign,
                 OTHERS: others,
+                **self._rates.values(),
                 **{f'stale commands {joint}': count for joint, count in stale},
                 **self._timing.values(),
             },

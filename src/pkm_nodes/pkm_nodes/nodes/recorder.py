@@ -30,7 +30,7 @@ from pkm_nodes.parts.loaded_config import CONFIG_HASH
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
-from pkm_nodes.runtime.node import CYCLE_QOS, EVENT_QOS, TICK_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.node import CYCLE_QOS, EVENT_QOS, LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 from pkm_nodes.runtime.patient_subscription import PatientSubscription
 
 # topics of the servo tick and its states: deep queues
@@ -79,7 +79,7 @@ class RecorderNode(PkmNode):
         self._progress = self.create_publisher(UInt64, 'recorder/tick', TICK_QOS)
         self._reported = None
         self._events = CycleEvents(self, 'recorder')
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
         self._closed, self._lost, self._failure = 0, 0, ''
         self.offer('recorder/record', self._recording.start)
         self.offer('recorder/stop', self._recording.stop)

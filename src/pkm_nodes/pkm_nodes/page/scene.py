@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pkm_core.machines.description import ROOT, base_boxes, joint_positions, links, local_frame
+from pkm_core.machines.description import ROOT, TOOL, base_boxes, joint_positions, links, local_frame
 from pkm_nodes.page.cell import home_pose
 
 # [m] from the centre of the machine to the camera
@@ -31,7 +31,7 @@ class Scene:
             self._add_boxes(path, link.boxes)
             if link.variable:
                 self._moving.append((link, frame))
-        scene.add_icosphere(f'{paths["tool"]}/tip', radius=2e-3, color=_RED)
+        scene.add_icosphere(f'{paths[TOOL]}/tip', radius=2e-3, color=_RED)
         self._target = scene.add_frame('/target', axes_length=0.015, axes_radius=5e-4, visible=False)
         scene.add_icosphere('/target/tip', radius=3e-3, color=_RED, opacity=0.4)
 

@@ -25,7 +25,7 @@ from pkm_nodes.parts.encoder_crowd import EncoderCrowd
 from pkm_nodes.parts.follow_standing import follow_standing
 from pkm_nodes.parts.one_source import subscribe_joint_trajectory
 from pkm_nodes.runtime.log_throttle import LogThrottle
-from pkm_nodes.runtime.node import CYCLE_QOS
+from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS
 
 # [s, wall] wait for readers of the commands that are known but not connected, such as a recorder that starts up
 DISCOVERY = 2.0
@@ -168,7 +168,7 @@ class CycleController:
         self._announced = None  # number of the cycle of the goal, None before the first one
         self._log_refusal = LogThrottle(node.get_logger(), is_error=True)
         self._foreign_before = 0  # messages of other publishers before the loaded cycle
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
         node.create_timer(1.0, self._publish_diagnostics, clock=wall)
 
     def drop(self):

@@ -5,6 +5,7 @@ from time import monotonic
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
+from pkm_nodes.messages.diagnostics import node_of
 from pkm_nodes.runtime.groups import SenderGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.one_publisher import OnePublisher, participant
@@ -24,7 +25,7 @@ class StatusGate:
     def status_in(self, data, sender=b''):
         """Return the DiagnosticStatus of the machine in serialized bytes, None without one; `sender` is a GID."""
         try:
-            found = [each for each in deserialize_message(data, DiagnosticArray).status if each.name == self._name]
+            found = [each for each in deserialize_message(data, DiagnosticArray).status if node_of(each) == self._name]
         except (RuntimeError, ValueError, OverflowError) as error:
             self._warn(f'/diagnostics: message of {len(data)} bytes dropped: {error}')
             return None

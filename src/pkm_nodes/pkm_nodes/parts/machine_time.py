@@ -53,10 +53,14 @@ class MachineTime:
         """Publish the time of `tick`."""
         self._publisher.publish(ClockMessage(clock=time_of_tick(tick, self._sample_time)))
 
+    @property
+    def tick(self):
+        """The tick of the simulated time; between cycles of the next one, later if the time is continuous."""
+        return self._barrier.tick + (self._rest.ticks if self._rest else 0)
+
     def now(self):
         """Return the simulated time as a message."""
-        rest = self._rest.ticks if self._rest else 0
-        return time_of_tick(self._barrier.tick + rest, self._sample_time)
+        return time_of_tick(self.tick, self._sample_time)
 
     def leave_rest(self, laser):
         """Let the first tick of a cycle come after the time at rest, during which `laser`, a node, measures nothing."""
@@ -70,4 +74,4 @@ class MachineTime:
         if not self._run.is_running:
             rate = 0.0 if self._pace.paused else (self._pace.factor or 1.0) / self._sample_time
             self._rest.look(monotonic(), rate)
-            self.publish(self._barrier.tick + self._rest.ticks)
+            self.publish(self.tick)

@@ -51,11 +51,14 @@ def reliable(depth):
 TICK_QOS = reliable(1000)
 # Trajectories and events of a cycle.
 CYCLE_QOS = reliable(100)
+# States: as a trajectory for subscribers that keep up; a late one that asks for it has the last value at once.
+STATE_QOS = reliable(100)
+STATE_QOS.durability = DurabilityPolicy.TRANSIENT_LOCAL
 # Subscriptions to events: a burst of messages does not push those of the cell out of the queue.
 EVENT_QOS = reliable(10_000)
 # Requests of goals: rclpy's ten are too few for many clients at once, and the rest would get no answer.
 REQUEST_QOS = reliable(1000)
-# A state: a late subscriber gets the last value.
+# A state: a late subscriber gets the last value. Also diagnostics.
 LAST_VALUE_QOS = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -85,6 +88,8 @@ class PkmNode(Node):
         Value of the parameter `session`.
     given : dict of str
         Parameters that the command line of the process gives to this node.
+    hardware_id : str
+        In diagnostics: the name of the machine, '' without one; a node that knows more adds it.
 
     """
 
@@ -93,7 +98,7 @@ class PkmNode(Node):
         self._known_elsewhere = None if known_elsewhere is None else frozenset(known_elsewhere)
         with self.handle:
             self.given = {name: parameter.value for name, parameter in self.handle.get_parameters(Parameter).items()}
-        self.hot_group = HotGroup()
+        self.hot_group, self.hardware_id = HotGroup(), ''
         self.tick_subscriptions = []
         self.session = checked_session(self.setting('session', '', SESSION))
 
@@ -113,7 +118,9 @@ class PkmNode(Node):
 
     def machine_setting(self):
         """Declare the parameter `machine` and return its value, a name or a file."""
-        return self.setting('machine', 'four_dof', MACHINE)
+        name = self.setting('machine', 'four_dof', MACHINE)
+        self.hardware_id = Path(name).stem
+        return name
 
     def configuration_setting(self):
         """Declare the parameter `plugins`; return the configuration, which takes code from these folders only."""
