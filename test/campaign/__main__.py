@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from campaign import files, messages, processes, requests, surroundings  # noqa: F401 (they register their attacks)
+from campaign import files, messages, processes, requests, soak, surroundings  # noqa: F401 (they register their attacks)
 from campaign.attacks import ATTACKS, campaign
 from campaign.world import World
 

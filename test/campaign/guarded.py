@@ -11,10 +11,10 @@ from pkm_core.errors import PkmError
 
 SECONDS = 20
 MEMORY = 2 << 30  # [B] beyond what the process has at its start
-LONGEST_REFUSAL = 400  # characters
+LONGEST_REFUSAL = 400  # characters, without the folder of the file
 
 
-def _child(function, pipe):
+def _child(function, pipe, folder):
     """Run `function` and write its outcome to `pipe`; never returns."""
     code = 0
     try:
@@ -26,7 +26,7 @@ def _child(function, pipe):
             function()
             outcome = ''
         except PkmError as refusal:
-            text = str(refusal)
+            text = str(refusal).replace(str(folder), '')
             outcome = f'refusal of {len(text)} characters' if len(text) > LONGEST_REFUSAL else ''
         except BaseException as error:
             last = traceback.extract_tb(error.__traceback__)[-1]
@@ -38,9 +38,9 @@ def _child(function, pipe):
     os._exit(code)
 
 
-def outcome_of(function):
+def outcome_of(function, folder=''):
     """
-    Return '' if `function()` returns or refuses with a `PkmError` in one short message, else what happened.
+    Return '' if `function()` returns or refuses a file in `folder` in one short `PkmError`, else what happened.
 
     The process ends with an exception of another kind, by a signal, or at a limit of time or memory.
     """
@@ -48,7 +48,7 @@ def outcome_of(function):
     pid = os.fork()
     if pid == 0:
         os.close(read)
-        _child(function, write)
+        _child(function, write, folder)
     os.close(write)
     with os.fdopen(read, 'rb') as stream:
         data = stream.read()
