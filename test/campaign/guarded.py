@@ -9,7 +9,8 @@ from pathlib import Path
 
 from pkm_core.errors import PkmError
 
-SECONDS = 20
+SECONDS = 20  # of CPU time, so that other load of the computer does not count
+WAITING = 200  # [s, wall]
 MEMORY = 2 << 30  # [B] beyond what the process has at its start
 LONGEST_REFUSAL = 400  # characters, without the folder of the file
 
@@ -21,7 +22,8 @@ def _child(function, pipe, folder):
         pages = int(Path('/proc/self/statm').read_text().split()[0])
         limit = pages * resource.getpagesize() + MEMORY
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        signal.alarm(SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.alarm(WAITING)
         try:
             function()
             outcome = ''
@@ -55,5 +57,6 @@ def outcome_of(function, folder=''):
     _, status = os.waitpid(pid, 0)
     if os.WIFSIGNALED(status):
         sent = os.WTERMSIG(status)
-        return f'no end within {SECONDS} s' if sent == signal.SIGALRM else f'ended by signal {sent}'
+        late = {signal.SIGPROF: f'no end within {SECONDS} s of CPU time', signal.SIGALRM: f'no end within {WAITING} s'}
+        return late.get(sent, f'ended by signal {sent}')
     return pickle.loads(data) if data else 'ended without an outcome'
