@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -10,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from campaign import files, messages, processes, requests, surroundings  # noqa: F401 (they register their attacks)
+from campaign import files, messages, processes, requests, soak, surroundings  # noqa: F401 (they register their attacks)
 from campaign.attacks import ATTACKS, campaign
 from campaign.world import World
 
@@ -25,6 +26,7 @@ def main(
     only: Annotated[
         list[str] | None, typer.Option(help=f'Kind or attack, repeatable. Kinds: {", ".join(KINDS)}.')
     ] = None,
+    case: Annotated[str, typer.Option(help='Only the cases of an attack that contain this text, e.g. a node.')] = '',
     json_file: Annotated[Path | None, typer.Option('--json', help='Write the outcomes to this file.')] = None,
 ):
     """Disturb cells and tools at random, count what held, and print each trial and one table."""
@@ -33,6 +35,11 @@ def main(
         raise typer.BadParameter(
             f'--only {only}: no such kind or attack; allowed: {KINDS}, {[a.name for a in ATTACKS]}'
         )
+    if case:
+        left = {each: tuple(one for one in each.cases if case in str(one)) for each in chosen}
+        chosen = [replace(each, cases=cases) for each, cases in left.items() if cases]
+        if not chosen:
+            raise typer.BadParameter(f'--case {case}: no such case of {[each.name for each in left]}')
     console = Console()
     with TemporaryDirectory(prefix='pkm_campaign_') as folder:
         tallies = campaign(

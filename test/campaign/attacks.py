@@ -23,6 +23,7 @@ class Attack:
     name: str
     run: Callable
     share: int  # of the trials: an attack of share 3 is tried three times as often as one of share 1
+    cases: tuple = ()  # third argument of `run`, each in turn in random order; none: `run` has two arguments
 
 
 @dataclass
@@ -37,11 +38,11 @@ class Tally:
 ATTACKS: list[Attack] = []
 
 
-def attack(kind, share=1):
+def attack(kind, share=1, cases=()):
     """Register the decorated function as an attack of a `kind`; its name is the function's."""
 
     def register(function):
-        ATTACKS.append(Attack(kind, function.__name__.replace('_', ' '), function, share))
+        ATTACKS.append(Attack(kind, function.__name__.replace('_', ' '), function, share, tuple(cases)))
         return function
 
     return register
@@ -53,6 +54,15 @@ def order(attacks, draw):
         rounds = [each for each in attacks for _ in range(each.share)]
         draw.shuffle(rounds)
         yield from rounds
+
+
+def deck(attack, seed):
+    """Yield the arguments of `attack` without end: all its cases in random order, then all again."""
+    draw = Random(f'{seed} {attack.name}')
+    while True:
+        cases = [(case,) for case in attack.cases] or [()]
+        draw.shuffle(cases)
+        yield from cases
 
 
 def campaign(attacks, seed, seconds, trials, world_of, tell):
@@ -74,6 +84,7 @@ def campaign(attacks, seed, seconds, trials, world_of, tell):
     """
     tallies = {each: Tally() for each in attacks}
     deadline, sequence = monotonic() + seconds, order(attacks, Random(seed))
+    decks = {each: deck(each, seed) for each in attacks}
     for number in range(1, trials + 1):
         if monotonic() > deadline:
             break
@@ -83,7 +94,7 @@ def campaign(attacks, seed, seconds, trials, world_of, tell):
             continue
         try:
             with world_of(number) as world:
-                outcome = 'held: ' + each.run(world, Random(f'{seed} {number}'))
+                outcome = 'held: ' + each.run(world, Random(f'{seed} {number}'), *next(decks[each]))
             tally.held += 1
         except NotPossibleError as reason:
             tally.skipped = outcome = f'not possible here: {reason}'

@@ -1,6 +1,7 @@
 """Attacks by files: mutated YAML of every kind and damaged bags, read as nodes and verbs read them."""
 
 import shutil
+from collections import deque
 from contextlib import suppress
 from pathlib import Path
 
@@ -8,7 +9,9 @@ from campaign.attacks import FellShortError, attack
 from campaign.guarded import outcome_of
 from campaign.world import RUN
 from pkm_core.bag.cycle_record import read_cycle
-from pkm_core.bag.repair import repair
+from pkm_core.bag.reader import raw_messages
+from pkm_core.bag.repair import lost_messages, repair
+from pkm_core.bag.signals import Signal
 from pkm_core.config import Configuration
 from pkm_core.control.controllers import choose_control, make_controller
 from pkm_core.control.model import load_model
@@ -16,7 +19,7 @@ from pkm_core.design.measurement import load_laser
 from pkm_core.design.operational_workspace import load_operational_workspace
 from pkm_core.design.tolerances import load_tolerances
 from pkm_core.errors import PkmError
-from pkm_core.identification.bag_data import read_cell_bag
+from pkm_core.identification.bag_data import read_axis, read_cell_bag
 from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import load_motion, plan
@@ -84,15 +87,14 @@ def _load_all(folder, relative):
         load_model(machine)
 
 
-@attack('files', share=50)
-def mutated_configuration(world, draw):
+@attack('files', share=50, cases=sorted(path.relative_to(CONFIG) for path in CONFIG.rglob('*.yaml')))
+def mutated_configuration(world, draw, relative):
     """A mutated file is accepted or refused in one line, within limits of time and memory."""
     folder = world.folder / 'config'
-    relative = draw.choice(sorted(path.relative_to(CONFIG) for path in CONFIG.rglob('*.yaml')))
     shutil.copytree(CONFIG, folder)
     text = mutated(draw, (CONFIG / relative).read_text(encoding='utf-8'))
     (folder / relative).write_text(text, encoding='utf-8', errors='surrogatepass')
-    if outcome := outcome_of(lambda: _load_all(folder, relative)):
+    if outcome := outcome_of(lambda: _load_all(folder, relative), folder):
         raise FellShortError(f'{relative}: {outcome}')
     return str(relative)
 
@@ -136,17 +138,28 @@ def _damage(draw, folder):
 
 
 def _read_all(folder):
-    """Read the bag as report, doctor and identification do."""
+    """Read the bag as report, doctor, identification, replay and `ros2 bag info` do."""
 
+    from pkm_nodes.ros2.bag import read_folder, read_mcap
+
+    drive, sensor = Signal('/pkm/d1/command', 'voltage'), Signal('/pkm/d1/encoder', 'position')
     tried = [
         lambda: read_run(folder.parent),
         lambda: read_cell_bag(load_machine('four_dof'), folder),
+        lambda: read_axis(folder, drive, sensor),  # as a bag of a foreign axis
         lambda: read_cycle(folder),
+        lambda: deque(raw_messages(folder), maxlen=0),  # bag-play and page
+        lambda: lost_messages(folder),
         lambda: repair(folder),
     ]
     for each in tried:
         with suppress(PkmError):
             each()
+    with suppress(RuntimeError):  # the refusal of `ros2 bag info`
+        read_folder(folder)
+    for file in folder.glob('*.mcap'):
+        with suppress(RuntimeError):
+            read_mcap(file)
 
 
 @attack('files', share=50)
@@ -157,6 +170,6 @@ def damaged_bag(world, draw):
     for name, data in _whole_bag(world).items():
         (folder / name).write_bytes(data)
     what = _damage(draw, folder)
-    if outcome := outcome_of(lambda: _read_all(folder)):
+    if outcome := outcome_of(lambda: _read_all(folder), folder):
         raise FellShortError(f'{what}: {outcome}')
     return what

@@ -1,4 +1,4 @@
-"""A foreign node that publishes on the topics of a cell: `python -m campaign.rogue SEED SECONDS`."""
+"""A foreign node that publishes on the topics of a cell: `python -m campaign.rogue SEED SECONDS [TOPIC ...]`."""
 
 import sys
 from random import Random
@@ -12,9 +12,34 @@ from campaign.random_messages import damaged, random_message
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.messages.interfaces import find_interface
 
+_FEW = 3
 
-def main(seed, seconds, few=3):
-    """Publish random and damaged messages on `few` topics at random until `seconds` are over."""
+
+def _known(node):
+    """Return {topic: type} of the cell, as far as this node knows it."""
+    return {
+        name: types[0]
+        for name, types in node.get_topic_names_and_types()
+        if name.startswith(('/pkm/', '/clock', '/diagnostics')) and '/_action/' not in name
+    }
+
+
+def _choose(node, draw, wanted, deadline):
+    """Return {topic: type} of the `wanted` topics; without wanted ones, of a few at random of the whole cell."""
+    while monotonic() < deadline:
+        rclpy.spin_once(node, timeout_sec=0.02)
+        known = _known(node)
+        if wanted and known.keys() >= set(wanted):
+            return {name: known[name] for name in wanted}
+        if not wanted and node.count_publishers('/pkm/machine/cycle'):
+            sleep(2.0)  # the rest of the cell becomes known
+            known = _known(node)
+            return {name: known[name] for name in draw.sample(sorted(known), min(_FEW, len(known)))}
+    sys.exit(f'no cell with {wanted or "topics"}')
+
+
+def main(seed, seconds, *wanted):
+    """Publish random and damaged messages until `seconds` are over."""
     draw = Random(seed)
     rclpy.init()
     node = rclpy.create_node('rogue')
@@ -25,23 +50,19 @@ def main(seed, seconds, few=3):
 
     node.create_subscription(CycleEvent, '/pkm/cycle_events', listen, 100)
     deadline = monotonic() + seconds
-    while not node.count_publishers('/pkm/machine/cycle') and monotonic() < deadline:
-        rclpy.spin_once(node, timeout_sec=0.2)
-    sleep(2.0)  # the rest of the cell becomes known
-    topics = {
-        name: types[0]
-        for name, types in node.get_topic_names_and_types()
-        if name.startswith(('/pkm/', '/clock')) and '/_action/' not in name
-    }
-    chosen = draw.sample(sorted(topics), min(few, len(topics)))
-    print('topics:', ', '.join(chosen), flush=True)
+    topics = _choose(node, draw, wanted, deadline)
+    print('topics:', ', '.join(topics), flush=True)
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    publishers = [node.create_publisher(find_interface(topics[name], 'msg'), name, latched) for name in chosen]
+    publishers = [node.create_publisher(find_interface(kind, 'msg'), name, latched) for name, kind in topics.items()]
+    told = False
     while monotonic() < deadline:
-        rclpy.spin_once(node, timeout_sec=draw.choice([0.0, 0.002, 0.02]))
+        rclpy.spin_once(node, timeout_sec=draw.choice([0.001, 0.005, 0.02]))
         publisher = draw.choice(publishers)
         message = random_message(draw, publisher.msg_type, **heard)
         publisher.publish(message if draw.random() < 0.7 else damaged(draw, serialize_message(message)))
+        if not told:
+            print('publishes', flush=True)
+            told = True
 
 
-main(int(sys.argv[1]), float(sys.argv[2]))
+main(int(sys.argv[1]), float(sys.argv[2]), *sys.argv[3:])

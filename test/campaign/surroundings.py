@@ -1,18 +1,19 @@
-"""Attacks on what surrounds a cell: disk, folder, shared memory, open files, another user, many cycles."""
+"""Attacks on what surrounds a cell: disk, folder, shared memory, open files, another user."""
 
 import os
 import resource
 import shutil
 import subprocess
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from time import sleep
 
 from campaign.attacks import FellShortError, NotPossibleError, attack
 from campaign.world import BIN, RUN
 
-_SOAK = 2000
-_GROWTH = 30.0  # [MB] allowed between cycle 50 and the last
+# size of /dev/shm, arrangement
+SHARED_MEMORY = [(size, each) for size in ('64k', '1m', '16m', 'full') for each in ('composed', 'processes')]
+# name of a limit, value [files, B, B]
+LIMITS = [('NOFILE', n) for n in (32, 64, 128, 256)] + [('FSIZE', 50_000), ('AS', 300 << 20), ('AS', 1 << 30)]
 
 
 @contextmanager
@@ -80,29 +81,52 @@ def folder_not_writable(world, draw):
         subprocess.run(['umount', '-l', out], check=False)
 
 
-@attack('surroundings')
-def little_shared_memory(world, draw):
-    """/dev/shm of a few sizes, as in a container."""
-    size = draw.choice(['64k', '1m', '16m'])
-    script = 'mount -t tmpfs -o size="$0" tmpfs /dev/shm && exec "$@"'
-    inside = ['unshare', '-m', 'bash', '-c', script, size]
+@attack(
+    'surroundings', share=2, cases=[(s, a) for s in ('64k', '1m', '16m', 'full') for a in ('composed', 'processes')]
+)
+def little_shared_memory(world, draw, case):
+    """/dev/shm of a few sizes, as in a container, and one in which another program has left 4 KiB."""
+    size, arrangement = case
+    limit, fill = ('32m', 'head -c 32764k /dev/zero > /dev/shm/other && ') if size == 'full' else (size, '')
+    script = f'mount -t tmpfs -o size="$0" tmpfs /dev/shm && {fill}exec "$@"'
+    inside = ['unshare', '-m', 'bash', '-c', script, limit]
     if subprocess.run([*inside, 'true'], capture_output=True, check=False).returncode:
         raise NotPossibleError('unshare -m: not permitted')
     out = world.folder / 'run'
-    arrangement = draw.choice(['composed', 'processes'])
     client = world.start(*inside, BIN / 'pkm', 'run', '--cycles', 2, '--arrangement', arrangement, '--out', out)
     return _ended_well(world, client, f'/dev/shm of {size}, {arrangement}', out)
 
 
-@attack('surroundings')
-def few_open_files(world, draw):
-    limit, out = draw.choice([32, 64, 128, 256]), world.folder / 'run'
+@attack('surroundings', share=2, cases=LIMITS)
+def low_limit(world, draw, case):
+    """A low limit of the shell: open files, size of a file, address space."""
+    name, limit = case
+    out, kind = world.folder / 'run', getattr(resource, f'RLIMIT_{name}')
 
     def lower():
-        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
+        resource.setrlimit(kind, (limit, limit))
 
     client = world.pkm('run', '--cycles', 2, '--out', out, before=lower)
-    return _ended_well(world, client, f'{limit} open files', out)
+    return _ended_well(world, client, f'{name} {limit}', None if name == 'FSIZE' else out)
+
+
+@attack('surroundings')
+def two_clients(world, draw):
+    """Two clients that start a cell in one namespace: at most one runs; the other names it."""
+    verbs = [draw.choice(['run --cycles 30', 'identify-cell --machine planar']) for _ in 'ab']
+    clients = [world.pkm(*verb.split(), '--out', world.folder / n, log=n) for n, verb in zip('ab', verbs, strict=True)]
+    codes = [world.code_of(client, RUN, f'pkm {verb}') for client, verb in zip(clients, verbs, strict=True)]
+    what = f'pkm {verbs[0]} beside pkm {verbs[1]}: exit codes {codes}'
+    for name, code in zip('ab', codes, strict=True):
+        if code and 'session' not in world.text(name) and 'machines run' not in world.text(name):
+            raise FellShortError(f'{what}: the refusal does not name the other cell: {world.tail(name)}')
+    if codes == [0, 0]:
+        raise FellShortError(f'{what}: both ran')
+    world.require_nothing_left()
+    world.require_no_traceback()
+    for name in 'ab':
+        world.require_whole_bags(world.folder / name)
+    return what
 
 
 @attack('surroundings')
@@ -139,33 +163,3 @@ def other_user(world, draw):
     world.end_all()
     world.require_no_traceback()
     return f'another user{may_read}, exit code {code}: {world.tail()}'
-
-
-@attack('surroundings')
-def soak(world, draw):
-    """Two thousand cycles in one goal: memory and figures are steady."""
-    out = world.folder / 'run'
-    client = world.pkm('run', '--cycles', _SOAK, '--out', out)
-    world.wait_for(lambda: len(list(out.glob('bags/*'))) >= 50 or client.poll() is not None, RUN, '50 cycles')
-    before = largest = _memory(world)
-    while client.poll() is None:
-        largest = max(largest, _memory(world))
-        sleep(1.0)
-    if client.returncode:
-        raise FellShortError(f'{_SOAK} cycles: {world.tail()}')
-    figures = world.figures(out)
-    if len(figures) != _SOAK:
-        raise FellShortError(f'{len(figures)} of {_SOAK} cycles in results.json')
-    if largest > before + _GROWTH:
-        raise FellShortError(f'{_SOAK} cycles: the cell grew from {before:.0f} to {largest:.0f} MB')
-    world.require_no_traceback()
-    return f'{_SOAK} cycles; memory of the cell {before:.0f} to {largest:.0f} MB'
-
-
-def _memory(world):
-    """Return the resident memory [MB] of the process of the composed cell; 0 once it has ended."""
-    for pid, command in world.running().items():
-        if 'pkm_nodes/cell' in command:
-            with suppress(OSError):
-                return int((Path('/proc') / str(pid) / 'statm').read_text().split()[1]) * resource.getpagesize() / 1e6
-    return 0.0

@@ -127,7 +127,9 @@ class World:
         try:
             return process.wait(timeout)
         except subprocess.TimeoutExpired:
-            raise FellShortError(f'{what}: no end within {timeout:.0f} s; it printed: {self.tail()}') from None
+            bags = len(list(self.folder.glob('*/bags/*')))
+            reason = f'no end within {timeout:.0f} s; {bags} bags; it printed: {self.tail()}'
+            raise FellShortError(f'{what}: {reason}') from None
 
     def tail(self, log='log'):
         """Return the end of what a program has printed, on one line."""

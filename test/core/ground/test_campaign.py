@@ -2,12 +2,14 @@
 
 import os
 import signal
+from inspect import signature
 from random import Random
 
 import numpy as np
 import pytest
 
-from campaign.attacks import Attack, FellShortError, NotPossibleError, campaign
+from campaign import files, messages, processes, requests, soak, surroundings  # noqa: F401 (they register attacks)
+from campaign.attacks import ATTACKS, Attack, FellShortError, NotPossibleError, campaign
 from campaign.guarded import outcome_of
 from campaign.world import World
 from pkm_core.errors import PkmError
@@ -49,6 +51,27 @@ def test_impossible_attack_is_skipped_and_not_counted(tmp_path):
 
     tally = run(attack, tmp_path)
     assert (tally.held, tally.failures, tally.skipped) == (0, [], 'not possible here: needs root')
+
+
+def test_every_case_of_an_attack_comes_before_one_comes_again(tmp_path):
+    seen = []
+    attacks = [Attack('kind', 'one', lambda world, draw, case: seen.append(case) or 'held', 1, ('a', 'b', 'c'))]
+    campaign(attacks, 1, 60.0, 6, lambda number: World(tmp_path / str(number)), lambda *_: None)
+    assert sorted(seen[:3]) == sorted(seen[3:]) == ['a', 'b', 'c']
+
+
+def test_every_attack_has_as_many_arguments_as_it_is_given():
+    """A wrong attack would count as a fault of the cell; the campaign is too long to find out."""
+    for each in ATTACKS:
+        assert len(signature(each.run).parameters) == 2 + bool(each.cases), each.name
+
+
+def test_folder_of_a_file_does_not_make_a_refusal_long(tmp_path):
+    def refuse():
+        raise PkmError(f'{tmp_path}: wrong\n' * (400 // len(': wrong\n')))
+
+    assert outcome_of(refuse, tmp_path) == ''
+    assert outcome_of(refuse).startswith('refusal of')
 
 
 def test_process_that_outlives_a_trial_is_ended_by_its_mark(tmp_path):

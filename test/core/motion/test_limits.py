@@ -57,7 +57,7 @@ def test_position_that_jumps_without_derivatives_is_refused(size, reason):
 def test_cycle_over_the_longest_is_refused_before_it_is_made(options):
     """1 um/s took 12 GB before."""
     tracemalloc.start()
-    with pytest.raises(TrajectoryError, match=r'allowed 20 s|no ruckig profile over 5 mm'):
+    with pytest.raises(TrajectoryError, match='allowed 20 s'):
         plan(PLANAR, motion(**options))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

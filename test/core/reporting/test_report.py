@@ -225,8 +225,10 @@ def test_facts_equal_in_all_bags_are_facts_of_the_run(start_recording_in, tmp_pa
 
 
 def test_folder_without_a_run_is_refused(make_run, start_recording_in, tmp_path):
-    with pytest.raises(PkmError, match='nowhere: no such folder'):
+    with pytest.raises(PkmError, match='nowhere: does not exist; expected the output of pkm run'):
         read_run(tmp_path / 'nowhere')
+    with pytest.raises(PkmError, match='is no folder; expected the output of pkm run'):
+        read_run(__file__)
     with pytest.raises(PkmError, match='no complete cycle in 0 bags'):
         read_run(tmp_path)
     folder = make_run(tmp_path / 'run')

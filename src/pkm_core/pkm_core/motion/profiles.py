@@ -123,6 +123,13 @@ def _check_duration(duration, distance, longest):
 def _ruckig(limits, distance, sample_time, longest):
     import ruckig
 
+    # no move is shorter than under each limit alone; ruckig fails on very long moves
+    bounds = (
+        distance / limits.speed,
+        (4 * distance / limits.acceleration) ** 0.5,
+        (32 * distance / limits.jerk) ** (1 / 3),
+    )
+    _check_duration(max(bounds), distance, longest)
     task = ruckig.InputParameter(1)
     task.current_position, task.target_position = [0.0], [1.0]
     task.max_velocity = [limits.speed / distance]

@@ -43,7 +43,8 @@ def read_run(folder):
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise PkmError(f'{folder}: no such folder')
+        what = 'is no folder' if folder.exists() else 'does not exist'
+        raise PkmError(f'{folder}: {what}; expected the output of pkm run, or a folder of bags')
     paths = sorted({file.parent for pattern in ('*/*.mcap', 'bags/*/*.mcap') for file in folder.glob(pattern)})
     records, remarks = [], []
     for path in paths:
