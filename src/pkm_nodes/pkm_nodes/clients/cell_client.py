@@ -83,6 +83,11 @@ class CellClient:
             self._node.destroy_node()
             rclpy.try_shutdown()
 
+    @property
+    def log(self):
+        """The `CycleLog` of the motion that runs or ran last; it has the cycles that are finished so far."""
+        return self._log
+
     def _begin_log(self):
         self._log, self._of_goal = CycleLog(), set()  # the log and the numbers of its cycles
         self._started = self._first = None

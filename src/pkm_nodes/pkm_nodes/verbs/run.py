@@ -11,6 +11,7 @@ from pkm_core.arrangement import Arrangement
 from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import PkmError
 from pkm_core.files import do_all, refused_if_unwritable, write_json
+from pkm_core.interrupts import Interrupted
 from pkm_core.learning import law_file, make_law
 from pkm_core.learning.initial import first_feedforward
 from pkm_core.learning.store import check_replaceable
@@ -23,6 +24,7 @@ from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.reporting.tool import tool_figures, tool_table
 from pkm_core.servo.pace import checked_pace
+from pkm_core.verbs.completion import names_of
 from pkm_core.verbs.console import Output, progress_bar
 from pkm_core.verbs.options import (
     LAWS,
@@ -35,6 +37,7 @@ from pkm_core.verbs.options import (
     MachineOption,
     MotionOption,
     NamespaceOption,
+    OverwriteOption,
     PaceOption,
     RunFolderOption,
     SeedOption,
@@ -49,6 +52,17 @@ from pkm_nodes.runtime.discovery import discover_on_this_computer
 _LAW = 'fourier_pid'
 
 
+def _nodes(ctx: typer.Context, incomplete: str):
+    """Return the names of the nodes of the machine chosen so far, for completion."""
+    try:
+        nodes = cell_nodes(
+            ctx.params.get('machine_name') or 'four_dof', control=ctx.params.get('controller') or 'robust'
+        )
+    except PkmError:
+        return []
+    return [spec.name for spec in nodes if spec.name.startswith(incomplete)]
+
+
 def run(
     machine_name: MachineOption = 'four_dof',
     motion: MotionOption = '',
@@ -56,7 +70,8 @@ def run(
     law: Annotated[
         str,
         typer.Option(
-            help=f'{LAWS}, none; or a YAML file. Default: {_LAW} with robust controllers, none with computed torque.'
+            autocompletion=names_of('learning', more=('none',)),
+            help=f'{LAWS}, none; or a YAML file. Default: {_LAW} with robust controllers, none with computed torque.',
         ),
     ] = '',
     controller: ControllerOption = 'robust',
@@ -72,15 +87,21 @@ def run(
     pace: PaceOption = 0.0,
     without: Annotated[
         list[str] | None,
-        typer.Option(metavar='NODE', help='Do not start this node, because another node replaces it; repeatable.'),
+        typer.Option(
+            metavar='NODE',
+            autocompletion=_nodes,
+            help='Do not start this node, because another node replaces it; repeatable.',
+        ),
     ] = None,
     out: RunFolderOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Run a motion for a number of learning cycles in the ROS 2 graph.
 
     Writes one MCAP bag per cycle, results.json and learning.png into --out, and prints the first beside the last cycle.
+    Ctrl-C ends the run and keeps all whole cycles, with results.json.
 
     Example: `pkm run --cycles 12 --law fourier_pid --arrangement processes`
 
@@ -102,11 +123,9 @@ def run(
     options = {'seed': seed, 'environment': environment, 'without': cell['without']}
     cell_nodes(machine_name, control=controller, learning_target=learning_target, **options)
     out = run_folder(out, goal.machine.name)
-    if (out / 'results.json').exists():
-        raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
     try:
         driven = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
-        log, records, session, not_saved, figures_of_pace = driven
+        log, records, session, not_saved, figures_of_pace, interrupted = driven
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     hashes = {record.facts.get('config_hash', '') for record in records}
@@ -128,6 +147,9 @@ def run(
         lambda: _print_account(console, results, out),
         lambda: _refuse(not_saved),
     )
+    if interrupted:
+        console.plain(f'interrupted after {len(records)} of {goal.cycles} cycles; these are kept')
+        raise interrupted
 
 
 def _print_tables(console, machine, records):
@@ -205,6 +227,8 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
         Why the learned feedforward was not saved, '' if it was or need not be.
     pace : dict
         Figures of a `MachineWatch`.
+    interrupted : Interrupted or None
+        The signal that ended the motion after at least one whole cycle.
 
     """
     from pkm_nodes.clients.cell_client import CellClient
@@ -239,15 +263,22 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
                 shown = client.machine.pause
                 bar.show(name=f'{what}: {shown}' if shown else what)
 
-        log = client.execute(goal.motion, goal.cycles, goal.law, check_and_tell, on_feedback, learned=learned)
-        pace = client.pace_figures(check) if cell_options['pace'] else client.machine.figures()
-        not_saved = ''
-        if goal.save_learned:
+        not_saved, interrupted = '', None
+        try:
+            log = client.execute(goal.motion, goal.cycles, goal.law, check_and_tell, on_feedback, learned=learned)
+        except Interrupted as signal:
+            log, interrupted = client.log, signal
+            if not log.bags:
+                console.plain(f'interrupted within the first cycle; its bag is in {cell.bags}')
+                raise
+        known = interrupted or not cell_options['pace']
+        pace = client.machine.figures() if known else client.pace_figures(check)
+        if goal.save_learned and not interrupted:
             try:
                 client.save_learned(goal.save_learned.resolve(), check)
             except PkmError as error:  # the cycles have run: their results are kept
                 not_saved = str(error)
-        return log, read_own(log.bags, cell), cell.session, not_saved, pace
+        return log, read_own(log.bags, cell), cell.session, not_saved, pace, interrupted
 
 
 def _results(goal, cell, arrangement, hash_of_config, log, records):
