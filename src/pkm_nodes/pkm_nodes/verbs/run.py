@@ -1,4 +1,8 @@
-"""`pkm run`: start a cell, run a motion for a number of learning cycles, and print its figures."""
+"""
+`pkm run`: start a cell, run a motion for a number of learning cycles, and print its figures.
+
+Libraries are imported where they are used: a refused option or motion does not wait for compilers and figures.
+"""
 
 from dataclasses import dataclass
 from math import isnan, nan
@@ -8,21 +12,10 @@ from typing import Annotated, Any
 import typer
 
 from pkm_core.arrangement import Arrangement
-from pkm_core.control.controllers import choose_control, kind_of
+from pkm_core.config import find_config
 from pkm_core.errors import PkmError
 from pkm_core.files import do_all, refused_if_unwritable, write_json
 from pkm_core.interrupts import Interrupted
-from pkm_core.learning import law_file, make_law
-from pkm_core.learning.initial import first_feedforward
-from pkm_core.learning.store import check_replaceable
-from pkm_core.learning.tool import make_tool_law
-from pkm_core.machines import load_machine
-from pkm_core.motion.planning import default_motion, load_motion, plan, still_moves
-from pkm_core.motion.trajectory import to_joints
-from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
-from pkm_core.reporting.figures import plot_cycles
-from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
-from pkm_core.reporting.tool import tool_figures, tool_table
 from pkm_core.servo.pace import checked_pace
 from pkm_core.verbs.completion import names_of
 from pkm_core.verbs.console import Output, progress_bar
@@ -128,6 +121,8 @@ def run(
         log, records, session, not_saved, figures_of_pace, interrupted = driven
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
+    from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
+
     hashes = {record.facts.get('config_hash', '') for record in records}
     loop = loop_hash(goal.machine, controller, machine_hash(machine_name))
     expected = config_hash([loop], Path(goal.motion).stem, goal.law)
@@ -153,12 +148,17 @@ def run(
 
 
 def _print_tables(console, machine, records):
+    from pkm_core.reporting.summary import cycles_table
+    from pkm_core.reporting.tool import tool_table
+
     console.print(cycles_table(machine, records))
     if at_tool := tool_table(records):
         console.print(at_tool)
 
 
 def _plot(records, path):
+    from pkm_core.reporting.figures import plot_cycles
+
     with refused_if_unwritable(path):
         plot_cycles(records, path)
 
@@ -183,16 +183,28 @@ class _Goal:
     @property
     def files(self):
         """Folders that the cell may use because the user named files in them, as keywords of `CellProcesses`."""
+        from pkm_core.learning import law_file
+
         law = '' if self.law == 'none' else str(law_file(self.law).resolve().parent)
         return {'plugins': law, 'learned': self.save_learned.resolve().parent if self.save_learned else ''}
 
     @classmethod
     def checked(cls, machine_name, motion, cycles, law, controller, learned, save_learned, learning_target):
         """Return the goal of these options of the verb; `PkmError` if the cell would refuse it."""
+        from pkm_core.machines import load_machine
+        from pkm_core.motion.planning import default_motion, load_motion, plan, still_moves
+        from pkm_core.motion.trajectory import to_joints
+
+        for kind, name in (('machines', machine_name), ('motions', motion)):
+            if name:
+                find_config(kind, name)  # an unknown name is refused before units and models are loaded
         machine = load_machine(machine_name)
         motion = motion or default_motion(machine)
         poses = plan(machine, load_motion(motion))
         joints = to_joints(machine, poses)
+        from pkm_core.control.controllers import choose_control, kind_of
+        from pkm_core.learning import law_file, make_law
+
         gains = choose_control(machine, controller)
         kind = kind_of(gains)
         law = law or (_LAW if kind == 'robust' else 'none')
@@ -203,12 +215,18 @@ class _Goal:
         elif save_learned:
             raise PkmError('--save-learned: given with --law none, which learns nothing; expected a learning law')
         if save_learned:
+            from pkm_core.learning.store import check_replaceable
+
             check_replaceable(save_learned)
         if learning_target == 'tool':
             if law == 'none':
                 raise PkmError('--learning-target: tool given with --law none, which learns nothing; expected a law')
+            from pkm_core.learning.tool import make_tool_law
+
             make_tool_law(machine, gains, make_law(law, machine, gains), poses, joints)
         if learned:
+            from pkm_core.learning.initial import first_feedforward
+
             first_feedforward(learned, machine, Path(motion).stem, law, gains, joints)
         return cls(machine, motion, cycles, law, learned, save_learned, still_moves(machine, joints))
 
@@ -283,6 +301,9 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
 
 def _results(goal, cell, arrangement, hash_of_config, log, records):
     """Return the content of results.json."""
+    from pkm_core.reporting.summary import cycle_figures, messages
+    from pkm_core.reporting.tool import tool_figures
+
     return {
         'machine': goal.machine.name,
         'motion': Path(goal.motion).stem,
