@@ -80,7 +80,7 @@ def test_existing_folder_is_not_touched(bench, tmp_path):
     assert ros2('bag', 'record') == 'Need to specify one option out of --all, --topics, --regex'
 
 
-def test_type_without_rosbags_gets_its_definition_from_the_package():
+def test_definition_of_a_type_comes_from_its_package():
     types = get_typestore(Stores.EMPTY)
     define(types, 'pkm_interfaces/msg/SampledTrajectory')
     define(types, 'sensor_msgs/msg/JointState')
