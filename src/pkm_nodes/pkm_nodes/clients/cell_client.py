@@ -83,9 +83,8 @@ class CellClient:
             self._node.destroy_node()
             rclpy.try_shutdown()
 
-    @property
-    def log(self):
-        """The `CycleLog` of the motion that runs or ran last; it has the cycles that are finished so far."""
+    def log_so_far(self):
+        """Return the `CycleLog` of the motion that runs or ran last: the cycles that are finished so far."""
         return self._log
 
     def _begin_log(self):

@@ -285,7 +285,7 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
         try:
             log = client.execute(goal.motion, goal.cycles, goal.law, check_and_tell, on_feedback, learned=learned)
         except Interrupted as signal:
-            log, interrupted = client.log, signal
+            log, interrupted = client.log_so_far(), signal
             if not log.bags:
                 console.plain(f'interrupted within the first cycle; its bag is in {cell.bags}')
                 raise
