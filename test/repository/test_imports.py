@@ -15,8 +15,12 @@ from support.rooms import modules
 # ROS, units and checks of the configuration, the compiled tick, places of the numbers in a serialized message
 EVERY = {'numpy', 'pydantic', 'yaml', 'numba', 'rclpy', 'rosbags'}
 BAGS = {'mcap', 'zstandard', 'lz4'}
-PHYSICS = {'scipy'}
-MORE = {'cell': BAGS | PHYSICS, 'dashboard': BAGS, 'laser': PHYSICS, 'machine': PHYSICS, 'recorder': BAGS}
+PHYSICS = {'scipy'}  # modes of the machine; splines of trajectories that are sent
+MORE = {
+    **dict.fromkeys(('machine', 'laser', 'trajectory_generator'), PHYSICS),
+    **dict.fromkeys(('dashboard', 'recorder'), BAGS),
+    'cell': BAGS | PHYSICS,
+}
 NODES = sorted(name for name in modules() if name.startswith('pkm_nodes.nodes.'))
 # interfaces and tools of ROS, which rclpy imports in any case
 OF_ROS = ('_msgs', '_interfaces', 'rcl', 'rosidl', 'rpyutils', 'ament', 'std_srvs')

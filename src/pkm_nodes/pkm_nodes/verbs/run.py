@@ -38,7 +38,6 @@ from pkm_core.verbs.options import (
     run_folder,
     write_figures,
 )
-from pkm_nodes.clients.machine_watch import sentence
 from pkm_nodes.graph import NAMESPACE, cell_nodes, namespace_of
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
@@ -327,6 +326,8 @@ def _results(goal, cell, arrangement, hash_of_config, log, records):
 
 def _print_account(console, results, out):
     """Print speed, notices, recorded and expected messages."""
+    from pkm_nodes.clients.machine_watch import sentence
+
     counted = [entry for entry in results['messages'].values() if entry['expected'] is not None]
     recorded, expected = (sum(entry[key] for entry in counted) for key in ('recorded', 'expected'))
     lost = sum(max(0, entry['expected'] - entry['recorded']) for entry in counted)
