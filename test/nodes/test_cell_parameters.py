@@ -1,5 +1,6 @@
 """Parameters of the composed cell: by `-p`, for all nodes, in a node's own section; taken whole, or refused by name."""
 
+import re
 import sys
 
 import pytest
@@ -7,7 +8,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from pkm_core.errors import ConfigError
-from pkm_nodes.nodes.cell import CellNode, make_cell
+from pkm_nodes.nodes.cell import CellNode, _make_and_say, make_cell
 
 ALL = '/**:\n  ros__parameters: {machine: planar, record: false'
 
@@ -44,6 +45,13 @@ def test_parameter_of_a_node_may_be_given_to_all(start):
     assert value(nodes, 'machine', 'answer_timeout') == 10.0
     assert value(nodes, 'machine', 'seed') == 7
     assert not nodes['inverse_kinematics'].has_parameter('answer_timeout')
+
+
+def test_cell_prints_in_one_line_that_it_is_up(start, capsys, domain_id):
+    start(_make_and_say, '-r', '__ns:=/left', '-p', 'machine:=planar', '-p', 'record:=false')
+    said = capsys.readouterr().out
+    where = f'machine planar, namespace /left, ROS domain {domain_id}'
+    assert re.fullmatch(rf'cell is up: {where}, \d+\.\d s after its start; Ctrl-C ends it\n', said)
 
 
 def test_section_of_a_node_is_taken(start):

@@ -16,6 +16,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
+from mcap.reader import make_reader
 
 DOMAIN = 63
 ROOT = Path(__file__).resolve().parents[2]
@@ -56,6 +57,11 @@ EXPECTED = {
     'pkm report': 'report.html',
     'pkm calibrate': 'the calibrated machine is ',  # calibrate-cell too
     'pkm convergence': '',
+    'bringup_scripts/setup': '',
+    'export PATH': '',
+    'topic info': 'Publisher count: 1',
+    'interface show': 'uint64 tick',
+    'bag info': 'Topic: /pkm/d1/encoder | Type: pkm_interfaces/msg/EncoderSample',
 }
 BLOCK = re.compile(r'(?P<above>[^\n]*)\n```(?P<kind>\w+)(?P<mark>[^\n]*)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
 
@@ -266,8 +272,25 @@ def claims_of_own_drive(folder):
     assert list(errors(folder, 'my_drive', 0).values()) == pytest.approx(expected, abs=0.5)
 
 
+def claims_of_tutorial(folder):
+    """Foxglove and PlotJuggler need the definition of every type in the file."""
+    files = sorted(folder.glob('runs/bags/*/*.mcap'))
+    assert len(files) == 3
+    for file in files:
+        with file.open('rb') as stream:
+            reader = make_reader(stream)
+            assert reader.get_header().profile == 'ros2'
+            summary = reader.get_summary()
+        assert summary.channels
+        for channel in summary.channels.values():
+            schema = summary.schemas[channel.schema_id]
+            assert (channel.message_encoding, schema.encoding) == ('cdr', 'ros2msg')
+            assert schema.data
+
+
 CLAIMS = {
     'README.md': claims_of_readme,
+    'docs/tutorial.md': claims_of_tutorial,
     'docs/own_controller.md': claims_of_own_controller,
     'docs/own_drive.md': claims_of_own_drive,
 }

@@ -33,7 +33,7 @@ CORE = {
     'verbs': 'machines motion plant control thesis tuning learning bag identification recording simulation design '
     'reporting experiments commissioning',
 }
-# of pkm_nodes; every room but executables, runtime and ros2 may import any room of the core but verbs
+# of pkm_nodes; every room but executables and runtime may import any room of the core but verbs
 NODES = {
     'graph': '',
     'runtime': '',
@@ -58,9 +58,7 @@ def allowed(room):
     package, _, name = room.partition('.')
     if package == 'pkm_core':
         return {GROUND, *(f'pkm_core.{other}' for other in CORE[name or GROUND].split())}
-    core = (
-        {GROUND} if name in ('executables', 'runtime', 'ros2') else {GROUND, *(f'pkm_core.{other}' for other in CORE)}
-    )
+    core = {GROUND} if name in ('executables', 'runtime') else {GROUND, *(f'pkm_core.{other}' for other in CORE)}
     if name != 'verbs':
         core -= {'pkm_core.verbs'}
     return core | {f'pkm_nodes.{other}' for other in NODES.get(name, '').split()}

@@ -9,6 +9,7 @@ import io
 import os
 import sys
 import sysconfig
+import time
 from pathlib import Path
 
 from pkm_core.errors import PkmError
@@ -38,6 +39,13 @@ def prepare():
         os.getcwd()
     except OSError as error:
         raise PkmError(f'working folder: {error.strerror}; change to a folder that exists') from None
+
+
+def seconds_since_start():
+    """Return the age of this process [s, wall], with the start of Python and all imports (proc_pid_stat(5))."""
+    fields = Path('/proc/self/stat').read_text(encoding='ascii', errors='replace').rpartition(')')[2].split()
+    started = int(fields[19]) / os.sysconf('SC_CLK_TCK')  # field 22; the first two are cut off
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - started
 
 
 def _open_standard_streams():

@@ -2,6 +2,7 @@
 The executables of the nodes: each name runs the node of this name as a process.
 
 A node is imported after the process is prepared, see `pkm_core.start`; the imports of a node take a second or more.
+With `--help` the executable prints its purpose, parameters and topics.
 """
 
 import importlib
@@ -20,7 +21,16 @@ def _run(name):
     except PkmError as error:
         print(f'{name}: {error}', file=sys.stderr)
         sys.exit(1)
+    if asks_for_help(sys.argv[1:]):
+        importlib.import_module('pkm_nodes.parts.node_help').show(name)
+        return
     importlib.import_module(f'pkm_nodes.nodes.{name}').main()
+
+
+def asks_for_help(argv):
+    """Return whether `argv` has -h or --help; what stands behind --ros-args is for ROS."""
+    own = argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv
+    return '-h' in own or '--help' in own
 
 
 calibration = partial(_run, 'calibration')

@@ -4,7 +4,6 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pkm_core.control.controllers import find_control
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.servo.pace import ALLOWED, checked_pace
@@ -94,6 +93,8 @@ def _yaml(value):
 
 def controller_nodes(machine_name, control):
     """Return the `NodeSpec`s of the controllers of a machine (name or file) for a choice of `control`."""
+    from pkm_core.control.controllers import find_control  # numba takes a second
+
     parameters, machine = {'machine': str(machine_name), 'control': str(control)}, load_machine(machine_name)
     if find_control(machine, control)[0] == 'computed_torque':
         commands = tuple(f'{joint}/command' for joint in machine.joints)

@@ -212,7 +212,7 @@ def test_bad_bag_of_another_recorder_is_refused(cycle, tmp_path, changes, reason
 def calibrate_bags(folder, *options):
     app = typer.Typer()
     app.command()(calibrate)
-    out = ('--machine', 'planar', '--out', folder / 'out', '--json', folder / 'found.json')
+    out = ('--machine', 'planar', '--overwrite', '--out', folder / 'out', '--json', folder / 'found.json')
     result = CliRunner().invoke(app, list(map(str, (*options, *out))), catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return json.loads((folder / 'found.json').read_text())

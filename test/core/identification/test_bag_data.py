@@ -250,7 +250,16 @@ def test_axis_of_another_machine_is_read_in_si_units(tmp_path):
 
 def test_verb_identifies_an_axis_of_another_machine(tmp_path):
     moves = write_foreign_bag(tmp_path / 'moves', count=3000)
-    options = [*OPTIONS, '--reference-topic', '/wanted', '--out', tmp_path, '--json', tmp_path / 'all.json']
+    options = [
+        *OPTIONS,
+        '--overwrite',
+        '--reference-topic',
+        '/wanted',
+        '--out',
+        tmp_path,
+        '--json',
+        tmp_path / 'all.json',
+    ]
     result = call(moves, *options)
     assert result.exit_code == 0
     axis = json.loads((tmp_path / 'all.json').read_text())['axes']['axis']

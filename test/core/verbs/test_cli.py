@@ -3,12 +3,14 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 HEAVY = ('numpy', 'scipy', 'numba', 'pydantic', 'pint', 'matplotlib', 'rclpy')
 REPORTER = f"""
 import sys
+from pathlib import Path
 from pkm_core.cli import main
 try:
     main()
@@ -53,7 +55,7 @@ def test_misspelt_verb_is_answered_with_the_nearest_one():
     assert "Did you mean 'identify-bag'" in ' '.join(done.stderr.replace('│', ' ').split())
 
 
-def test_completion_offers_verbs_and_the_options_of_a_verb(monkeypatch):
+def test_completion_offers_verbs_options_and_configured_names(monkeypatch):
     def offered(typed):
         monkeypatch.setenv('_PKM_COMPLETE', 'complete_bash')
         monkeypatch.setenv('COMP_WORDS', typed)
@@ -61,5 +63,16 @@ def test_completion_offers_verbs_and_the_options_of_a_verb(monkeypatch):
         script = "import sys; from pkm_core.app import app; app(prog_name='pkm')"
         return run(script).stdout.split()
 
+    def values(option):
+        return set(offered(f'pkm run {option} '))
+
     assert {'bag-doctor', 'bag-play', 'budget'} <= set(offered('pkm b'))
+    assert offered('pkm margins --machine p') == ['planar']
+    assert values('--machine') == {'four_dof', 'planar', 'xy_stage'}
+    assert values('--motion') == {path.stem for path in Path('config/motions').glob('*.yaml')}
+    assert values('--law') == {*(path.stem for path in Path('config/learning').glob('*.yaml')), 'none'}
+    assert {'robust', 'computed_torque', 'four_dof_thesis'} <= values('--controller')
+    assert {'ideal', 'nominal', 'hard', 'geometric', 'elastic'} <= values('--environment')
+    assert offered('pkm run --machine xy_stage --without joint_') == ['joint_controller_x', 'joint_controller_y']
+    assert offered('pkm run --arrangement p') == ['processes']
     assert offered('pkm tune --mach') == ['--machine']

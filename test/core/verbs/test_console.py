@@ -2,6 +2,7 @@
 
 from io import StringIO
 
+import numpy as np
 import pytest
 
 from pkm_core.reporting.tables import Table
@@ -68,6 +69,33 @@ def test_bar_that_is_not_kept_leaves_nothing(console):
 def test_plain_text_is_neither_wrapped_nor_markup(console):
     console.plain('[red]' + 'x' * 100)
     assert printed(console) == '[red]' + 'x' * 100 + '\n'
+
+
+@pytest.mark.parametrize('is_terminal', [True, False])
+def test_no_digit_is_cut_in_any_narrow_terminal(is_terminal):
+    """Tables of random shapes, 20 to 80 columns: every word of every cell is there, and no ellipsis."""
+    rng = np.random.default_rng(7)
+    for width in range(20, 81, 4):
+        count = int(rng.integers(1, 9))
+        headings = [' '.join(['error', 'largest', '[um]'][: rng.integers(1, 4)]) for _ in range(count)]
+        rows = [[_cell(rng) for _ in range(count)] for _ in range(3)]
+        console = Output(file=StringIO(), width=width, force_terminal=is_terminal, color_system=None)
+        console.print(table('made', headings, rows, no_wrap=bool(rng.integers(2)), wide=bool(rng.integers(2))))
+        words = printed(console).replace('│', ' ').split()
+        assert all(word in words for row in rows for cell in row for word in cell.split()), (width, rows)
+        assert '…' not in printed(console)
+
+
+def _cell(rng):
+    """Return a number, two numbers or a text of several words."""
+    number = f'{rng.normal(scale=10.0 ** rng.integers(0, 6)):.{rng.integers(0, 6)}f}'
+    return [number, f'{number} -> {rng.normal():.2f}', 'converges on all models'][rng.integers(3)]
+
+
+def test_table_wider_than_the_terminal_becomes_a_list():
+    console = Output(file=StringIO(), width=20, force_terminal=True, color_system=None)
+    console.print(table('error [um]', ['axis', 'largest\n[um]', 'rest'], [('d1 [a]', '123456.789', '0.25')]))
+    assert printed(console) == 'error [um]\n\naxis: d1 [a]\nlargest [um]: 123456.789\nrest: 0.25\n\n'
 
 
 def test_narrow_terminal_shows_every_digit_of_a_table():

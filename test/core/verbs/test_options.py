@@ -62,9 +62,40 @@ def test_place_that_cannot_be_written_is_found_before_the_run(option):
         assert str(found.exception).startswith('/proc/nowhere: cannot be written'), verb
 
 
+@pytest.mark.parametrize('option', ['--json', '--save-learned'])
+def test_existing_file_is_replaced_only_with_overwrite(option, tmp_path):
+    file = tmp_path / 'notes'
+    file.write_text('mine')
+    for verb, app in verbs_with(option).items():
+        found = CliRunner().invoke(app, [option, str(file)])
+        assert str(found.exception).startswith(f'{file}: exists; expected a new name. With --overwrite'), verb
+    assert file.read_text() == 'mine'
+    assert set(verbs_with('--json')) == set(verbs_with('--overwrite'))
+
+
+def test_folder_with_files_is_written_only_with_overwrite(tmp_path):
+    (tmp_path / 'notes').write_text('mine')
+    others = {'parameters'}  # one generated page; `report` is in test_report.py
+    for verb, app in verbs_with('--out').items():
+        needed = {'report': [str(tmp_path)], 'experiment': ['planar'], 'identify-bag': ['bag']}.get(verb, [])
+        found = CliRunner().invoke(app, [*needed, '--out', str(tmp_path)])
+        refused = str(found.exception).startswith(f'--out: {tmp_path} has files; expected a new name. With --overwrite')
+        assert refused or verb in others, (verb, found.output, found.exception)
+
+
+def test_overwrite_removes_bags_and_results_of_a_run_only(tmp_path):
+    for name in ('bags/one/one_0.mcap', 'bags/mine/notes', 'results.json', 'config/mine.yaml'):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text('')
+    run_folder(tmp_path, 'planar')
+    left = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob('*') if path.is_file())
+    assert left == ['bags/mine/notes', 'config/mine.yaml']
+
+
 def test_file_of_others_is_not_chosen_for_learned_feedforward(tmp_path):
     (tmp_path / 'notes.npz').write_text('mine')
-    found = CliRunner().invoke(verbs_with('--save-learned')['run'], ['--save-learned', str(tmp_path / 'notes.npz')])
+    words = ['--overwrite', '--save-learned', str(tmp_path / 'notes.npz')]
+    found = CliRunner().invoke(verbs_with('--save-learned')['run'], words)
     assert 'is not a file of learned feedforward' in str(found.exception)
     assert (tmp_path / 'notes.npz').read_text() == 'mine'
 

@@ -13,18 +13,30 @@ import yaml
 _FOREVER = {'sec': 9223372036, 'nsec': 854775807}  # RMW_DURATION_INFINITE
 # starting_time of a bag without messages
 NEVER = 2**63 - 1
-# QoS of the cell's topics as seen by a recorder; DDS does not announce a writer's history or depth
-_QOS = {
-    'history': 'unknown',
-    'depth': 0,
-    'reliability': 'reliable',
-    'durability': 'volatile',
-    'deadline': _FOREVER,
-    'lifespan': _FOREVER,
-    'liveliness': 'automatic',
-    'liveliness_lease_duration': _FOREVER,
-    'avoid_ros_namespace_conventions': False,
-}
+
+
+class Qos(NamedTuple):
+    """Quality of service of a topic as seen by a recorder; DDS does not announce a writer's history or depth."""
+
+    reliability: str = 'reliable'
+    durability: str = 'volatile'
+
+    def written(self):
+        """Return it in the form of rosbag2."""
+        return {
+            'history': 'unknown',
+            'depth': 0,
+            'reliability': self.reliability,
+            'durability': self.durability,
+            'deadline': _FOREVER,
+            'lifespan': _FOREVER,
+            'liveliness': 'automatic',
+            'liveliness_lease_duration': _FOREVER,
+            'avoid_ros_namespace_conventions': False,
+        }
+
+
+RECORDED_QOS = Qos()  # of the cell's topics
 
 
 class FileFacts(NamedTuple):
@@ -49,9 +61,9 @@ def dump(data):
 
 
 @cache
-def channel_facts(type_hash):
+def channel_facts(type_hash, qos=RECORDED_QOS):
     """Return the metadata of the MCAP channel of a topic whose type has the RIHS01 hash `type_hash`."""
-    return {'offered_qos_profiles': dump([_QOS]).rstrip('\n'), 'topic_type_hash': type_hash}
+    return {'offered_qos_profiles': dump([qos.written()]).rstrip('\n'), 'topic_type_hash': type_hash}
 
 
 def bag_information(files, topics, *, custom_data):
@@ -62,8 +74,8 @@ def bag_information(files, topics, *, custom_data):
     ----------
     files : list of FileFacts
         MCAP files in order.
-    topics : list of (str, str, str, int)
-        Name, message type, RIHS01 hash of the type and number of messages.
+    topics : list of (str, str, str, int, Qos)
+        Name, message type, RIHS01 hash of the type, number of messages and quality of service.
     custom_data : dict of str to str
         Facts of the recording.
 
@@ -75,19 +87,19 @@ def bag_information(files, topics, *, custom_data):
         'storage_identifier': 'mcap',
         'duration': {'nanoseconds': duration},
         'starting_time': {'nanoseconds_since_epoch': start},
-        'message_count': sum(count for *_, count in topics),
+        'message_count': sum(count for *_, count, _ in topics),
         'topics_with_message_count': [
             {
                 'topic_metadata': {
                     'name': name,
                     'type': kind,
                     'serialization_format': 'cdr',
-                    'offered_qos_profiles': [_QOS],
+                    'offered_qos_profiles': [qos.written()],
                     'type_description_hash': type_hash,
                 },
                 'message_count': count,
             }
-            for name, kind, type_hash, count in topics
+            for name, kind, type_hash, count, qos in topics
         ],
         'compression_format': '',  # rosbag2's own compression is not used; MCAP compresses its chunks
         'compression_mode': '',

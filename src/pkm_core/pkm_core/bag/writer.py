@@ -23,7 +23,7 @@ from mcap.writer import CompressionType
 from pkm_core.bag.mcap_blocks import RECORD_HEAD, BlockWriter
 from pkm_core.bag.message_types import typestore
 from pkm_core.bag.reader import damage_refused
-from pkm_core.bag.rosbag2 import NEVER, FileFacts, bag_information, channel_facts, dump
+from pkm_core.bag.rosbag2 import NEVER, RECORDED_QOS, FileFacts, bag_information, channel_facts, dump
 from pkm_core.errors import BagError
 
 CHUNK_BYTES = 64 * 1024
@@ -57,8 +57,9 @@ class BagWriter:
         types = types or typestore()
         self._hashes = {topic: _definition(types, kind)[1] for topic, kind in topics.items()}
         self._schemas = {kind: _definition(types, kind)[0] for kind in sorted(set(topics.values()))}
+        self._qos = {}  # of topics added later
         self.path = Path(path)
-        self._topics, self._metadata = topics, metadata
+        self._topics, self._metadata = dict(topics), metadata
         self.counts = Counter()
         self._closed = []  # FileFacts of the finished files
         self.path.mkdir(parents=True)
@@ -73,13 +74,28 @@ class BagWriter:
         self._writer.start(profile='ros2', library='pkm_core')
         schemas = {kind: self._writer.register_schema(kind, 'ros2msg', text) for kind, text in self._schemas.items()}
         self._channels = {
-            topic: self._writer.register_channel(topic, 'cdr', schemas[kind], channel_facts(self._hashes[topic]))
+            topic: self._writer.register_channel(topic, 'cdr', schemas[kind], self._facts_of(topic))
             for topic, kind in self._topics.items()
         }
+        self._schema_ids = schemas
         self._writer.add_metadata('pkm', self._metadata)
         self._before = self.counts.copy()
         self._flush()
         self._cut = False
+
+    def _facts_of(self, topic):
+        return channel_facts(self._hashes[topic], self._qos.get(topic, RECORDED_QOS))
+
+    def add_topic(self, topic, kind, types, qos):
+        """Add a topic found while the bag is written: its message type `kind`, defined in `types`, and its `Qos`."""
+        definition, self._hashes[topic] = _definition(types, kind)
+        self._qos[topic], self._topics[topic] = qos, kind
+        if kind not in self._schemas:
+            self._schemas[kind] = definition
+            self._schema_ids[kind] = self._writer.register_schema(kind, 'ros2msg', definition)
+        self._channels[topic] = self._writer.register_channel(
+            topic, 'cdr', self._schema_ids[kind], self._facts_of(topic)
+        )
 
     def _flush(self):
         """End the chunk and pass it to the operating system, which keeps it if this process is killed."""
@@ -155,7 +171,10 @@ class BagWriter:
         return text
 
     def _information(self, files, counts, facts):
-        topics = [(topic, kind, self._hashes[topic], counts[topic]) for topic, kind in self._topics.items()]
+        topics = [
+            (topic, kind, self._hashes[topic], counts[topic], self._qos.get(topic, RECORDED_QOS))
+            for topic, kind in self._topics.items()
+        ]
         return bag_information(files, topics, custom_data=self._metadata | facts)
 
 

@@ -19,7 +19,6 @@ most `largest_gap` between samples they are well conditioned.
 """
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 
 from pkm_core.errors import LearningError
 from pkm_core.machines.laser_clock import nanoseconds
@@ -113,6 +112,8 @@ def at_ticks(time, values, samples, sample_time, highest):
 
     The harmonics of the cycle up to `highest` [Hz] are fitted by least squares.
     """
+    from scipy.linalg import solve_toeplitz  # half a second, which most nodes do not need
+
     period = samples * sample_time
     harmonics = int(highest * period)
     turn = -2j * np.pi * time / period

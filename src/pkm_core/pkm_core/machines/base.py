@@ -71,6 +71,28 @@ class Limits:
     thrust: float  # N, at the peak current
 
 
+class Compiled:
+    """
+    A class attribute that is the object `name` of pkm_core.machines.dynamics.
+
+    The module, and with it numba, is imported at the first use; from then on the attribute is that object itself.
+    """
+
+    def __init__(self, name):
+        self._name = name
+
+    def __set_name__(self, owner, attribute):
+        self._owner, self._attribute = owner, attribute
+
+    def __get__(self, machine, owner):
+        """Return the object, and put it into the place of this one."""
+        from pkm_core.machines import dynamics
+
+        found = getattr(dynamics, self._name)
+        setattr(self._owner, self._attribute, staticmethod(found) if callable(found) else found)
+        return found
+
+
 class Machine(ABC):
     """
     A mechanism of n linear motors: joint positions q (..., n) [m], pose x (..., m) in `coordinates` [m, rad].

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pkm_core.jet import stack, value
-from pkm_core.machines import dynamics
-from pkm_core.machines.base import Machine
+from pkm_core.machines.base import Compiled, Machine
 from pkm_core.machines.built import FourDofBuilt
 from pkm_core.machines.checks import check_between
 from pkm_core.machines.four_dof_config import FourDofConfig
@@ -44,9 +43,9 @@ class FourDof(Machine):
     Built = FourDofBuilt
     joints = ('d1', 'd3', 'd5', 'd7')
     coordinates = ('x', 'y', 'z', 'phi')
-    parameters = dynamics.FOUR_DOF_PARAMETERS
-    terms = staticmethod(dynamics.four_dof_terms)
-    rows = staticmethod(dynamics.four_dof_rows)
+    parameters = Compiled('FOUR_DOF_PARAMETERS')
+    terms = Compiled('four_dof_terms')
+    rows = Compiled('four_dof_rows')
 
     def __init__(self, config, name, configuration=None):
         super().__init__(config, name, configuration)

@@ -12,8 +12,8 @@ from pydantic import model_validator
 
 from pkm_core.config import Config, Length
 from pkm_core.jet import stack, value
-from pkm_core.machines import dynamics
 from pkm_core.machines.base import (
+    Compiled,
     JointConfig,
     Machine,
     MachineConfig,
@@ -95,9 +95,9 @@ class Planar(Machine):
     Built = PlanarBuilt
     joints = ('d1', 'd3')
     coordinates = ('x', 'y')
-    parameters = dynamics.PLANAR_PARAMETERS
-    terms = staticmethod(dynamics.planar_terms)
-    rows = staticmethod(dynamics.planar_rows)
+    parameters = Compiled('PLANAR_PARAMETERS')
+    terms = Compiled('planar_terms')
+    rows = Compiled('planar_rows')
 
     def __init__(self, config, name, configuration=None):
         super().__init__(config, name, configuration)

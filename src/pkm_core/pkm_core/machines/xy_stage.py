@@ -10,8 +10,7 @@ import numpy as np
 from pydantic import model_validator
 
 from pkm_core.config import Config
-from pkm_core.machines import dynamics
-from pkm_core.machines.base import JointConfig, Machine, MachineConfig, PositiveMass
+from pkm_core.machines.base import Compiled, JointConfig, Machine, MachineConfig, PositiveMass
 
 
 class XyStageJoints(Config):
@@ -47,9 +46,9 @@ class XyStage(Machine):
 
     Config = XyStageConfig
     joints = coordinates = ('x', 'y')
-    parameters = dynamics.XY_STAGE_PARAMETERS
-    terms = staticmethod(dynamics.xy_stage_terms)
-    rows = staticmethod(dynamics.xy_stage_rows)
+    parameters = Compiled('XY_STAGE_PARAMETERS')
+    terms = Compiled('xy_stage_terms')
+    rows = Compiled('xy_stage_rows')
 
     def forward(self, q):
         """Return a copy of `q`; see `Machine.forward`."""

@@ -6,12 +6,13 @@ from typing import Annotated
 import typer
 
 from pkm_core.verbs.console import Output, table
-from pkm_core.verbs.options import JsonOption, write_figures
+from pkm_core.verbs.options import JsonOption, OverwriteOption, write_figures
 
 
 def bag_doctor(
     path: Annotated[Path, typer.Argument(help='Folder of a bag, or its MCAP file.')],
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Repair a bag that its recorder did not close: copy every complete chunk into a new bag, PATH_repaired.
@@ -26,13 +27,12 @@ def bag_doctor(
     done = repair(path)
     if done is None:
         lost = lost_messages(path)
-        write_figures(json_file, {'repaired': False, 'lost': lost})
         console.plain(f'{path} is complete; nothing to repair')
         if lost:
             listed = ', '.join(f'{topic} {count}' for topic, count in lost.items())
             console.plain(f'messages that had not arrived when the recorder closed it: {listed}')
+        write_figures(json_file, {'repaired': False, 'lost': lost})
         return
-    write_figures(json_file, {'repaired': True} | vars(done) | {'path': str(done.path)})
     rows = [
         (topic, str(count), _ticks(done.missing[topic]) if topic in done.missing else '')
         for topic, count in done.saved.items()
@@ -43,6 +43,7 @@ def bag_doctor(
     if done.lost_bytes:
         console.print(f'the last {done.lost_bytes} bytes of the file belong to no complete record')
     console.plain(f'{sum(done.saved.values())} messages are in {done.path}')
+    write_figures(json_file, {'repaired': True} | vars(done) | {'path': str(done.path)})
 
 
 def _ticks(ranges):

@@ -13,6 +13,7 @@ from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
+    OverwriteOption,
     ProcessesOption,
     SeedOption,
     TolerancesOption,
@@ -45,6 +46,7 @@ def budget(
     cluster: ClusterOption = '',
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Compute the end-point error caused by tolerances, encoders, belts and temperature, linearly and by Monte Carlo.

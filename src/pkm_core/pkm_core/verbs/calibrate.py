@@ -11,6 +11,7 @@ from pkm_core.files import writable_folder
 from pkm_core.machines import load_machine
 from pkm_core.machines.checks import ANGLES
 from pkm_core.machines.real_geometry import printed_unit
+from pkm_core.verbs.completion import names_of
 from pkm_core.verbs.console import Output, progress_bar, table
 from pkm_core.verbs.options import (
     EnvironmentOption,
@@ -18,6 +19,7 @@ from pkm_core.verbs.options import (
     MachineOption,
     NamespaceOption,
     OutOption,
+    OverwriteOption,
     SeedOption,
     TolerancesOption,
     out_folder,
@@ -68,7 +70,9 @@ def calibrate(
     average: Annotated[float, typer.Option(min=1.0, help='Average at the end of a rest [ms].')] = 100.0,
     poses: Annotated[int, typer.Option(min=16, help='Number of poses of the simulated measurement.')] = 60,
     tolerances: TolerancesOption = 'tolerances',
-    laser: Annotated[str, typer.Option(help='Laser of config/design, or a YAML file.')] = 'laser',
+    laser: Annotated[
+        str, typer.Option(autocompletion=names_of('design'), help='Laser of config/design, or a YAML file.')
+    ] = 'laser',
     seed: SeedOption = 1,
     environment: EnvironmentOption = 'nominal',
     geometry: Annotated[
@@ -80,6 +84,7 @@ def calibrate(
     ] = Geometry.auto,
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Estimate link lengths, offsets, marks and geometry of one machine, with deviations; validate them at other poses.
@@ -126,7 +131,6 @@ def calibrate(
             rows |= _write(out, machine_name, machine, study, simulated, source, seen)
     scale = [factor for factor, _ in units(machine)]
     rows = {name: row * scale for name, row in rows.items()}
-    write_figures(json_file, _figures(machine, study, simulated, source, rows))
     found = study.calibration
     console.print(_parameters_table(found, simulated))
     for value, parts in found.identifiability.hardly_known():
@@ -135,6 +139,7 @@ def calibrate(
     console.print(_errors_table(machine, rows, len(study.held.q)))
     console.plain(f'specimen: {found.machine.specimen or "not named"}')
     console.print(f'{len(study.used.q)} poses used, residuals {found.misfit:.2f} of the noise')
+    write_figures(json_file, _figures(machine, study, simulated, source, rows))
     if study.verification.worse:
         console.warnings(study.verification.reasons(machine))
     if out:

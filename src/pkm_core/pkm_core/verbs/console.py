@@ -15,10 +15,11 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from pkm_core.interrupts import interruptible
 
-# [characters] of a terminal too narrow for a table, which then wraps its lines: rich would leave out digits
+# [characters] of an output that is no terminal, as of a pipe or a file: a table is as wide as its words need
 _USUAL_WIDTH = 80
 
 
@@ -26,15 +27,32 @@ class Output(Console):
     """The terminal, with what verbs print on it."""
 
     def print(self, *objects, **options):
-        """Print as `Console.print` does; a table is as wide as its longest words need, whatever the terminal is."""
-        wide = self.options.update(width=1000)
-        sizes = [Measurement.get(self, wide, each) for each in objects if isinstance(each, Table)]
-        if not any(size.minimum > self.width for size in sizes):
-            super().print(*objects, **options)
+        """
+        Print as `Console.print` does, but no word of a table is ever cut: its columns get at least their longest word.
+
+        A table that is wider than the terminal is printed as a list, one line per cell. In a pipe or a file it stays a
+        table, as wide as it needs to be.
+        """
+        for each in objects:
+            if isinstance(each, Table):
+                self._print_table(each, options)
+        others = [each for each in objects if not isinstance(each, Table)]
+        if others or not objects:
+            super().print(*others, **options)
+
+    def _print_table(self, made, options):
+        least = column_widths(self, made, self.width)
+        needed = sum(least) + _extra_width(made)
+        if needed > self.width and self.is_terminal:
+            for line in _as_list(made):
+                super().print(line, soft_wrap=True, markup=False, highlight=False)
             return
-        before, self.width = self.width, max(max(size.minimum, min(size.maximum, _USUAL_WIDTH)) for size in sizes)
+        before = self.width
+        for column, width in zip(made.columns, column_widths(self, made, max(needed, before)), strict=True):
+            column.width = width
+        self.width = max(needed, before)
         try:
-            super().print(*objects, **options)
+            super().print(made, **options)
         finally:
             self.width = before
 
@@ -82,6 +100,46 @@ def table(title, headings, rows=(), *, align='lr', wide=True, caption=None, **op
         else:
             made.add_row(*map(escape, row))
     return made
+
+
+def column_widths(console, made, width):
+    """
+    Return the widths of the columns of the rich table `made` without padding, for a line of `width` characters.
+
+    A column is at least as wide as its longest word; what is left of the line goes to the columns with longer texts,
+    the narrowest first.
+    """
+    wide = console.options.update(width=1000)
+    cells = [[column.header, *column.cells] for column in made.columns]
+    sizes = [[Measurement.get(console, wide, cell) for cell in column] for column in cells]
+    least = [
+        max(size.maximum if column.no_wrap else size.minimum for size in of_column)
+        for column, of_column in zip(made.columns, sizes, strict=True)
+    ]
+    most = [max(size.maximum for size in of_column) for of_column in sizes]
+    left = width - _extra_width(made) - sum(least)
+    for number in sorted(range(len(least)), key=lambda number: most[number] - least[number]):
+        added = max(0, min(left, most[number] - least[number]))
+        least[number] += added
+        left -= added
+    return least
+
+
+def _extra_width(made):
+    """Return how many characters of a line are borders and padding of the columns of `made`."""
+    _, right, _, left = made.padding
+    lines = len(made.columns) + 1 if made.box else 0
+    return len(made.columns) * (left + right) + lines
+
+
+def _as_list(made):
+    """Return the lines of the table `made` as a list: its title, then one line `heading: cell` per cell."""
+    plain = [[Text.from_markup(str(cell)).plain for cell in column.cells] for column in made.columns]
+    headings = [' '.join(Text.from_markup(str(column.header)).plain.split()) for column in made.columns]
+    lines = [Text.from_markup(str(made.title)).plain] if made.title else []
+    for row in zip(*plain, strict=True):
+        lines += ['', *(f'{heading}: {cell}' if heading else cell for heading, cell in zip(headings, row, strict=True))]
+    return [*lines, '', *([Text.from_markup(str(made.caption)).plain] if made.caption else [])]
 
 
 def report_table(report, **options):

@@ -1,5 +1,7 @@
 """`pkm convergence`: convergence factor of a learning law on the nominal and the perturbed models."""
 
+import typer
+
 from pkm_core.control.controllers import find_control
 from pkm_core.learning import untested_law
 from pkm_core.machines import load_machine
@@ -11,6 +13,7 @@ from pkm_core.verbs.options import (
     LearningTargetOption,
     MachineOption,
     OutOption,
+    OverwriteOption,
     out_folder,
     robust_gains,
     write_figures,
@@ -23,6 +26,7 @@ def convergence(
     controller: ControllerOption = 'robust',
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
     learning_target: LearningTargetOption = 'joints',
 ):
     """
@@ -30,7 +34,7 @@ def convergence(
 
     A law with a factor above 1 at any frequency diverges, and a cell refuses to start it. Nothing is simulated: the
     factor follows from config/model, config/control and config/learning. With the learning target `tool`, the reference
-    learned at the tool is tested together with the law.
+    learned at the tool is tested together with the law. The exit code is 1 if a cell refuses the law.
 
     Example: `pkm convergence --law fourier --controller four_dof_thesis --out runs/convergence`
 
@@ -46,9 +50,9 @@ def convergence(
     loops = find_control(machine, controller)[1].stem
     title = f'learning law {law} on the loops of {loops}'
     refused = [joint for joint, row in figures.items() if not row['converges']]
-    write_figures(json_file, {'machine': machine.name, 'control': loops, 'law': law, 'joints': figures})
     console.print(convergence_table(title, figures))
     console.print(f'diverges on {", ".join(refused)}: refused by the cell' if refused else 'converges on all models')
+    write_figures(json_file, {'machine': machine.name, 'control': loops, 'law': law, 'joints': figures})
     if learning_target == 'tool':
         config = load_tool_law(machine)
         console.plain(check_tool_law(config, machine, of_joints.gains, of_joints.models, of_joints))
@@ -56,3 +60,5 @@ def convergence(
         path = out / f'convergence_{loops}_{law}.png'
         plot_convergence(title, figures, path)
         console.plain(f'figure: {path}')
+    if refused:
+        raise typer.Exit(1)

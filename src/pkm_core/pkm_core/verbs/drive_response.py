@@ -4,7 +4,7 @@ import numpy as np
 
 from pkm_core.machines import load_machine
 from pkm_core.verbs.console import Output, table
-from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, out_folder, write_figures
+from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, OverwriteOption, out_folder, write_figures
 
 _ROWS = {  # heading: (key, factor, figure of the thesis)
     '-3 dB at [kHz]': ('corner_hz', 1e-3, '7.42'),
@@ -14,7 +14,12 @@ _ROWS = {  # heading: (key, factor, figure of the thesis)
 }
 
 
-def drive_response(machine_name: MachineOption = 'four_dof', out: OutOption = None, json_file: JsonOption = None):
+def drive_response(
+    machine_name: MachineOption = 'four_dof',
+    out: OutOption = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+):
     """
     Compute the frequency response of the current loop from its equations and by swept sine from 100 Hz to 10 kHz.
 

@@ -15,6 +15,7 @@ from pkm_core.verbs.options import (
     ClusterOption,
     JsonOption,
     OutOption,
+    OverwriteOption,
     ProcessesOption,
     out_folder,
     write_figures,
@@ -41,6 +42,7 @@ def experiment(
     cluster: ClusterOption = '',
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Compare XY stage, computed torque, robust control and learning, with the spread over cycles and noise seeds.

@@ -16,6 +16,7 @@ from pkm_core.verbs.options import (
     MachineOption,
     ModesOption,
     OutOption,
+    OverwriteOption,
     SeedOption,
     finite,
     out_folder,
@@ -50,6 +51,7 @@ def identify(
     modes: ModesOption = None,
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Identify P = K/(s (s + a)) H(s) of every axis on the simulated machine, without ROS.

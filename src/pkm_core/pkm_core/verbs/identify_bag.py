@@ -16,6 +16,7 @@ from pkm_core.verbs.options import (
     ModesOption,
     NamespaceOption,
     OutOption,
+    OverwriteOption,
     finite,
     out_folder,
     positive,
@@ -62,6 +63,7 @@ def identify_bag(
     ] = None,
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Identify axes from bags: plain moves give K and a, bags with an excitation give the resonances.

@@ -9,6 +9,7 @@ from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
+    OverwriteOption,
     out_folder,
     write_figures,
 )
@@ -19,6 +20,7 @@ def margins(
     controller: ControllerOption = 'robust',
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Compute gain and phase margin, peak sensitivity, disk margin and bandwidths of every axis.

@@ -6,7 +6,15 @@ import typer
 
 from pkm_core.machines import load_machine
 from pkm_core.verbs.console import Output, progress_bar, table
-from pkm_core.verbs.options import JsonOption, MachineOption, OutOption, SeedOption, out_folder, write_figures
+from pkm_core.verbs.options import (
+    JsonOption,
+    MachineOption,
+    OutOption,
+    OverwriteOption,
+    SeedOption,
+    out_folder,
+    write_figures,
+)
 
 
 def open_loop(
@@ -25,6 +33,7 @@ def open_loop(
     seed: SeedOption = 1,
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Simulate the four sine force cases (5.22)-(5.25) on the rigid machine without losses; options add other models.
@@ -58,9 +67,9 @@ def open_loop(
                     draw_belts(out, name, machine, case, bending)
                 for kind, each in responses[name].items():
                     write_csv(out / f'open_loop_{name}_{kind}.csv', machine, each)
-    write_figures(json_file, {'machine': machine.name, 'seed': seed, 'belt_stiffness': belts, 'cases': results})
     console.print(_table('two periods from rest at home; amplitude about the drift', results, CASES, JOINTS))
     console.print(_table('end point', results, CASES, END_POINT))
+    write_figures(json_file, {'machine': machine.name, 'seed': seed, 'belt_stiffness': belts, 'cases': results})
     bent = {name: {kind: row for kind, row in rows.items() if 'belts' in row} for name, rows in results.items()}
     if any(bent.values()):
         console.print(

@@ -3,6 +3,7 @@
 import math
 from datetime import datetime
 from pathlib import Path
+from shutil import rmtree
 from typing import Annotated, Literal
 
 import typer
@@ -11,6 +12,7 @@ from pkm_core.arrangement import Arrangement
 from pkm_core.config import Configuration
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.files import writable_file, writable_folder, write_json
+from pkm_core.verbs.completion import environments, names_of
 
 
 def finite(value):
@@ -27,9 +29,27 @@ def positive(value):
     return value
 
 
-def file_option(path):
-    """Refuse a file to be written that cannot be, before anything runs; a callback for typer."""
-    return path if path is None else writable_file(path)
+def file_option(ctx: typer.Context, path: Path | None):
+    """Refuse a file to be written that cannot be, or that exists, before anything runs; a callback for typer."""
+    if path is not None and writable_file(path).exists() and not ctx.params.get('overwrite'):
+        raise PkmError(f'{path}: exists; {REPLACE}')
+    return path
+
+
+def folder_option(ctx: typer.Context, path: Path | None):
+    """Refuse a folder for results that has files, before anything runs; a callback for typer."""
+    if path is not None and not ctx.params.get('overwrite'):
+        require_empty(path)
+    return path
+
+
+def require_empty(path):
+    """Raise `PkmError` if the folder `path` has files: those of another run are not replaced unasked."""
+    if Path(path).is_dir() and any(Path(path).iterdir()):
+        raise PkmError(f'--out: {path} has files; {REPLACE}')
+
+
+REPLACE = 'expected a new name. With --overwrite the files of the earlier run are replaced'
 
 
 def _laws():
@@ -42,23 +62,42 @@ def _laws():
 
 LAWS = f'Learning law: {_laws()}'
 
-MachineOption = Annotated[str, typer.Option('--machine', help='Machine of config/machines, or a YAML file.')]
-MotionOption = Annotated[str, typer.Option(help="Motion of config/motions, or a YAML file; '' is the machine's own.")]
-ControllerOption = Annotated[
-    str, typer.Option(help="Gains: robust or computed_torque (the machine's own), a file of config, or a YAML file.")
+CONTROLLERS = names_of('control', 'control/computed_torque', more=('robust', 'computed_torque'))
+
+MachineOption = Annotated[
+    str,
+    typer.Option('--machine', autocompletion=names_of('machines'), help='Machine of config/machines, or a YAML file.'),
 ]
-LawOption = Annotated[str, typer.Option(help=f'{LAWS}; or a YAML file.')]
+MotionOption = Annotated[
+    str,
+    typer.Option(
+        autocompletion=names_of('motions'), help="Motion of config/motions, or a YAML file; '' is the machine's own."
+    ),
+]
+ControllerOption = Annotated[
+    str,
+    typer.Option(
+        autocompletion=CONTROLLERS,
+        help="Gains: robust or computed_torque (the machine's own), a file of config, or a YAML file.",
+    ),
+]
+LawOption = Annotated[str, typer.Option(autocompletion=names_of('learning'), help=f'{LAWS}; or a YAML file.')]
 LearningTargetOption = Annotated[
     Literal['joints', 'tool'],
     typer.Option(help='tool: beside the joints, the reference is learned from the laser at the tool.'),
 ]
-TuningOption = Annotated[str, typer.Option(help='Targets and limits of config/tuning, or a YAML file.')]
-TolerancesOption = Annotated[str, typer.Option(help='Tolerances of config/design, or a YAML file.')]
+TuningOption = Annotated[
+    str, typer.Option(autocompletion=names_of('tuning'), help='Targets and limits of config/tuning, or a YAML file.')
+]
+TolerancesOption = Annotated[
+    str, typer.Option(autocompletion=names_of('design'), help='Tolerances of config/design, or a YAML file.')
+]
 EnvironmentOption = Annotated[
     str,
     typer.Option(
+        autocompletion=environments,
         help='Level of imperfections of the simulated machine: ideal, nominal, hard, geometric, elastic (four_dof '
-        'only), or another section of config/truth.'
+        'only), or another section of config/truth.',
     ),
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help='Seed of the random numbers; the same seed gives the same bits.')]
@@ -85,8 +124,16 @@ CellArrangementOption = Annotated[
     Literal[Arrangement.composed, Arrangement.processes],
     typer.Option(help='ROS graph in one process, or one process per node.'),
 ]
-OutOption = Annotated[Path | None, typer.Option(help='Folder for figures and files; default: none are written.')]
-RunFolderOption = Annotated[Path | None, typer.Option(help='Folder for the results; default: a new folder in runs/.')]
+OutOption = Annotated[
+    Path | None, typer.Option(callback=folder_option, help='Folder for figures and files; default: none are written.')
+]
+RunFolderOption = Annotated[
+    Path | None, typer.Option(callback=folder_option, help='Folder for the results; default: a new folder in runs/.')
+]
+# eager: the other options are checked with its value
+OverwriteOption = Annotated[
+    bool, typer.Option('--overwrite', is_eager=True, help='Replace the files of an earlier run.')
+]
 JsonOption = Annotated[
     Path | None, typer.Option('--json', callback=file_option, help='Write all figures to this JSON file.')
 ]
@@ -98,8 +145,23 @@ def out_folder(path):
 
 
 def run_folder(path, name):
-    """Return the folder of `--out`, created if missing; by default a new one in runs/ with date, time and `name`."""
-    return writable_folder(path or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{name}')
+    """
+    Return the folder of `--out`, created if missing; by default a new one in runs/ with date, time and `name`.
+
+    A folder with files is here only with `--overwrite`: the results and bags of the earlier run in it are removed.
+    """
+    folder = writable_folder(path or Path('runs') / f'{datetime.now():%Y%m%dT%H%M%S}_{name}')
+    remove_run(folder)
+    return folder
+
+
+def remove_run(folder):
+    """Remove what an earlier run wrote into `folder`: bags, which are folders with MCAP files, results and figure."""
+    for bag in (folder / 'bags').glob('*/'):
+        if any(bag.glob('*.mcap')):
+            rmtree(bag)
+    for name in ('results.json', 'learning.png'):
+        (folder / name).unlink(missing_ok=True)
 
 
 def write_figures(json_file, figures):

@@ -7,7 +7,7 @@ import typer
 
 from pkm_core.files import writable_file
 from pkm_core.verbs.console import Output
-from pkm_core.verbs.options import JsonOption, write_figures
+from pkm_core.verbs.options import JsonOption, OverwriteOption, require_empty, write_figures
 
 
 def report(
@@ -15,6 +15,7 @@ def report(
     compare: Annotated[Path | None, typer.Option(help='Second such folder, shown beside the first.')] = None,
     out: Annotated[Path | None, typer.Option(help='Folder for page and figures; default: FOLDER/report.')] = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Write one HTML page of a run: tables beside those of the thesis, tracking, learning, spectra, drives, settling.
@@ -29,6 +30,8 @@ def report(
     from pkm_core.reporting.summary import cycles_table
     from pkm_core.reporting.tool import tool_table
 
+    if out and not overwrite:
+        require_empty(out)
     console, out = Output(), out or folder / 'report'
     if folder.is_dir():
         writable_file(out / 'report.html')  # reading the bags takes long

@@ -10,6 +10,7 @@ from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
+    OverwriteOption,
     SeedOption,
     finite,
     out_folder,
@@ -37,6 +38,7 @@ def singularity(
     seed: SeedOption = 1,
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Prove by interval arithmetic that the travel has no singular position; map determinant and condition number.
@@ -74,7 +76,6 @@ def singularity(
         'angles_at_mm': length,
         'samples': samples,
     }
-    write_figures(json_file, figures)
     rows = []
     for name, bound in bounds.items():
         scale, unit = (1.0, '') if name == 'abs(det J)' else (1e3, ' mm')
@@ -87,5 +88,6 @@ def singularity(
         f'{samples} samples: det J {determinant.min():.4g} to {determinant.max():.4g} (SI), condition number '
         f'{condition.min():.2f} to {condition.max():.1f}, median {np.median(condition):.1f}, angles at {length:g} mm'
     )
+    write_figures(json_file, figures)
     if out:
         console.plain(f'figures are in {out}')

@@ -5,11 +5,13 @@ from typing import Annotated, NamedTuple
 import typer
 
 from pkm_core.machines import load_machine
+from pkm_core.verbs.completion import names_of
 from pkm_core.verbs.console import Output, progress_bar
 from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
+    OverwriteOption,
     SeedOption,
     finite,
     out_folder,
@@ -30,7 +32,8 @@ class Result(NamedTuple):
 def tolerance(
     machine_name: MachineOption = 'four_dof',
     workspace: Annotated[
-        str, typer.Option(help='Operational workspace of config/design, or a YAML file.')
+        str,
+        typer.Option(autocompletion=names_of('design'), help='Operational workspace of config/design, or a YAML file.'),
     ] = 'chapter4',
     arm: Annotated[
         float,
@@ -42,6 +45,7 @@ def tolerance(
     seed: SeedOption = 1,
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Optimise the link lengths l and k against manufacturing errors; print Tables 4.1-4.5 beside those of the thesis.
@@ -58,9 +62,9 @@ def tolerance(
 
     console, machine, out = Output(), load_machine(machine_name).drawing, out_folder(out)
     result = _compute(console, machine, load_operational_workspace(workspace), arm, samples, seed, out)
-    write_figures(json_file, figures(machine, workspace, arm, result))
     # the thesis printed its tables for this workspace and this arm
     _print(console, machine, result, printed=workspace == 'chapter4' and arm == 1.0)
+    write_figures(json_file, figures(machine, workspace, arm, result))
     if out:
         console.plain(f'figures are in {out}')
 

@@ -14,9 +14,11 @@ from pkm_core.verbs.options import (
     ClusterOption,
     JsonOption,
     MachineOption,
+    OverwriteOption,
     ProcessesOption,
     SeedOption,
     TuningOption,
+    require_empty,
     write_figures,
 )
 
@@ -30,6 +32,7 @@ def tune(
     cluster: ClusterOption = '',
     resume: Annotated[Path | None, typer.Option(help='Continue the search of this search.npz.')] = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Tune every axis of a machine by a genetic algorithm: objective (7.30), stability margins as constraints.
@@ -47,6 +50,8 @@ def tune(
     from pkm_core.tuning.tune import tune as run
 
     console, machine, config = Output(), load_machine(machine_name), load_tuning(tuning)
+    if not (resume or overwrite):
+        require_empty(out)
     writable_folder(out)  # found before the search
     total = config.search.generations * config.search.restarts
     names = [f'{joint} generations' for joint in machine.joints]

@@ -11,6 +11,7 @@ from pkm_core.verbs.options import (
     JsonOption,
     MachineOption,
     OutOption,
+    OverwriteOption,
     SeedOption,
     finite,
     out_folder,
@@ -37,6 +38,7 @@ def workspace(
     seed: SeedOption = 1,
     out: OutOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Compute the workspace of a machine: extremes, volume by several methods, constant-orientation and dexterous part.
@@ -66,12 +68,12 @@ def workspace(
             _draw(out, machine, run, spatial)
     ours, thesis = box_against_thesis(machine)
     figures = _figures(machine, run, samples, unit, volumes, spatial) | {'box_mm': ours, 'box_thesis_mm': thesis}
-    write_figures(json_file, figures)
     console.print(_extremes_table(figures))
     console.print(_volumes_table(figures))
     if thesis:
         console.print(f'box in x, y: {ours[0]:.4g} x {ours[1]:.4g} mm; Table 7.5: {thesis[0]:g} x {thesis[1]:g} mm')
     console.print(f'{samples} samples mapped, sliced and outlined in {run.seconds:.2f} s')
+    write_figures(json_file, figures)
     if out:
         console.plain(f'figures and surfaces are in {out}')
 

@@ -83,6 +83,10 @@ class CellClient:
             self._node.destroy_node()
             rclpy.try_shutdown()
 
+    def log_so_far(self):
+        """Return the `CycleLog` of the motion that runs or ran last: the cycles that are finished so far."""
+        return self._log
+
     def _begin_log(self):
         self._log, self._of_goal = CycleLog(), set()  # the log and the numbers of its cycles
         self._started = self._first = None

@@ -4,6 +4,7 @@ from rclpy.parameter import Parameter
 
 from pkm_core.errors import ConfigError
 from pkm_core.servo.pace import PACE, TIME
+from pkm_core.start import seconds_since_start
 from pkm_nodes.graph import ENVIRONMENTS, WITHOUT, cell_nodes, learning_target, names_in
 from pkm_nodes.nodes.calibration import CalibrationNode
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
@@ -110,4 +111,14 @@ def _refuse_contradiction(node, cell, parameters):
             )
 
 
-main = entry_point(make_cell)
+def _make_and_say():
+    """Return all nodes of the cell, and print in one line that it is up."""
+    nodes = make_cell()
+    cell = nodes[0]
+    machine, domain = cell.get_parameter('machine').value, cell.context.get_domain_id()
+    where = f'machine {machine}, namespace {cell.get_namespace()}, ROS domain {domain}'
+    print(f'cell is up: {where}, {seconds_since_start():.1f} s after its start; Ctrl-C ends it', flush=True)
+    return nodes
+
+
+main = entry_point(_make_and_say)

@@ -9,11 +9,14 @@ from pkm_core.errors import PkmError
 from pkm_core.interrupts import Interrupted, interruptible
 from pkm_core.start import prepare
 from pkm_nodes.ros2.shared import add_commands
+from pkm_nodes.ros2.substitute import Parser, missing
 from pkm_nodes.runtime.environment import check_ros_environment
 
 COMMANDS = {  # each is a module of this package with add_arguments(parser)
     'action': 'Various action related sub-commands',
     'bag': 'Various rosbag related sub-commands',
+    'doctor': 'Check ROS setup and other potential issues',
+    'interface': 'Show information about ROS interfaces',
     'node': 'Various node related sub-commands',
     'param': 'Various param related sub-commands',
     'run': 'Run a package specific executable',
@@ -24,9 +27,9 @@ COMMANDS = {  # each is a module of this package with add_arguments(parser)
 
 def make_parser(argv):
     """Return the parser with the arguments of the command in `argv`; other commands are not imported."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='ros2',
-        description='The part of the ros2 command-line tool that this project uses.',
+        description='A substitute for a part of ros2, the command-line tool of ROS 2, on a computer without ROS.',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
@@ -49,6 +52,9 @@ def main(argv):
     try:
         prepare()
         check_ros_environment()
+        if text := missing(argv):
+            print(text, file=sys.stderr)
+            return 2
         args = make_parser(argv).parse_args(argv)
         if not args.use_python_default_buffering:
             sys.stdout.reconfigure(line_buffering=True)

@@ -1,4 +1,4 @@
-"""`ros2 action send_goal`."""
+"""`ros2 action send_goal`; `info`, `list` and `type` are in action_graph.py."""
 
 import sys
 
@@ -7,13 +7,16 @@ from rclpy.action import ActionClient
 
 from pkm_core.interrupts import held_back
 from pkm_nodes.messages.interfaces import find_interface
+from pkm_nodes.ros2 import action_graph
 from pkm_nodes.ros2.messages import make_message, message_to_yaml, parse_yaml
 from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, ros_node, spin_until_done
 
 
 def add_arguments(parser):
     """Add the verbs of `ros2 action`."""
-    verb = add_commands(parser, {'send_goal': 'Send an action goal'})['send_goal']
+    verbs = add_commands(parser, {**action_graph.VERBS, 'send_goal': 'Send an action goal'})
+    action_graph.add_arguments(verbs)
+    verb = verbs['send_goal']
     verb.set_defaults(main=send_goal)
     verb.add_argument('action_name', help="Name of the ROS action (e.g. '/fibonacci')")
     verb.add_argument('action_type', help="Type of the ROS action (e.g. 'example_interfaces/action/Fibonacci')")

@@ -1,4 +1,4 @@
-"""`ros2 bag info`."""
+"""`ros2 bag info`; `record` is in bag_record.py."""
 
 import argparse
 import sys
@@ -11,6 +11,7 @@ from mcap.records import Channel, Schema
 
 from pkm_core.mcap_records import McapFile
 from pkm_core.yaml_text import LONGEST_WRITTEN, YamlError, parse_written, read_text
+from pkm_nodes.ros2 import bag_record
 from pkm_nodes.ros2.shared import add_commands
 
 SERVICE_TOPIC = '/_service_event'  # the end of the topic on which a service's calls are recorded
@@ -48,7 +49,15 @@ class Bag:
 
 def add_arguments(parser):
     """Add the verbs of `ros2 bag`."""
-    verb = add_commands(parser, {'info': 'Print information about a bag to the screen'})['info']
+    verbs = add_commands(
+        parser,
+        {
+            'info': 'Print information about a bag to the screen',
+            'record': 'Record ROS data to a bag',
+        },
+    )
+    bag_record.add_arguments(verbs['record'])
+    verb = verbs['info']
     verb.set_defaults(main=info)
     verb.add_argument('bag_path', type=_existing, help='Bag to open')
     verb.add_argument(

@@ -5,7 +5,9 @@ import sys
 
 import numpy as np
 import yaml
+from builtin_interfaces.msg import Time
 from rosidl_parser.definition import AbstractNestedType, AbstractWString, Array, BoundedSequence, NamespacedType
+from std_msgs.msg import Header
 
 from pkm_nodes.messages.interfaces import find_interface
 
@@ -89,26 +91,35 @@ def _array_summary(slot_type, length):
     return f'<sequence type: {name}{bound}, length: {length}>'
 
 
-def make_message(message_class, values):
-    """Return a message with the fields of the dictionary `values`; a value of another type raises."""
+def make_message(message_class, values, stamps=None):
+    """
+    Return a message with the fields of the dictionary `values`; a value of another type raises.
+
+    With the list `stamps`, the text `auto` for a header and `now` for a time are accepted, as in `ros2 topic pub`, and
+    the times to set are appended to it.
+    """
     if not isinstance(values, dict):
         raise TypeError(f"Value '{values}' is expected to be a dictionary but is a {type(values).__name__}")
     msg = message_class(check_fields=True)
     slot_types = dict(zip(msg.get_fields_and_field_types(), msg.SLOT_TYPES, strict=True))
     for name, value in values.items():
-        setattr(msg, name, _field_value(getattr(msg, name), value, slot_types[name]))
+        setattr(msg, name, _field_value(getattr(msg, name), value, slot_types[name], stamps))
     return msg
 
 
-def _field_value(default, value, slot_type):
+def _field_value(default, value, slot_type, stamps):
     """Return `value` in the type of a field whose default is `default`."""
     if hasattr(default, 'SLOT_TYPES'):
-        return make_message(type(default), value)
+        word = {Header: 'auto', Time: 'now'}.get(type(default))
+        if stamps is not None and value == word:
+            stamps.append(default.stamp if word == 'auto' else default)
+            return default
+        return make_message(type(default), value, stamps)
     if isinstance(default, array.array):
         return array.array(default.typecode, value)
     if isinstance(default, np.ndarray):
         return np.array(value, dtype=default.dtype)
     if isinstance(slot_type, AbstractNestedType) and isinstance(slot_type.value_type, NamespacedType):
         item_class = find_interface('/'.join(slot_type.value_type.namespaced_name()), 'msg')
-        return [make_message(item_class, item) for item in value]
+        return [make_message(item_class, item, stamps) for item in value]
     return value if type(value) is type(default) else type(default)(value)

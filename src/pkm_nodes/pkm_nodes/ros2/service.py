@@ -1,17 +1,51 @@
-"""`ros2 service call`."""
+"""`ros2 service call`, `list`, `type` and `info`."""
 
+import argparse
 import sys
 import time
 
 from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.ros2.messages import make_message, parse_yaml
-from pkm_nodes.ros2.shared import FIND_TIMEOUT, NODE_PREFIX, add_commands, ros_node, spin_until_done
+from pkm_nodes.ros2.shared import (
+    FIND_TIMEOUT,
+    NODE_PREFIX,
+    add_commands,
+    add_graph_arguments,
+    find_types,
+    names_and_types,
+    print_names,
+    ros_node,
+    spin_until_done,
+)
 
 
 def add_arguments(parser):
     """Add the verbs of `ros2 service`."""
-    parser.add_argument('--include-hidden-services', action='store_true', help='Consider hidden services as well')
-    verb = add_commands(parser, {'call': 'Call a service'})['call']
+    hidden = dict(action='store_true', help='Consider hidden services as well')
+    parser.add_argument('--include-hidden-services', **hidden)
+    verbs = add_commands(
+        parser,
+        {
+            'call': 'Call a service',
+            'info': 'Print information about a service',
+            'list': 'Output a list of available services',
+            'type': "Output a service's type",
+        },
+    )
+    _add_call(verbs['call'])
+    for name, main in (('info', info), ('list', list_), ('type', type_)):
+        verbs[name].set_defaults(main=main)
+        add_graph_arguments(verbs[name])
+        if name != 'list':
+            about = f"Name of the ROS service to get {name} (e.g. '/talker/list_parameters')"
+            verbs[name].add_argument('service_name', help=about)
+    add = verbs['list'].add_argument
+    add('-t', '--show-types', action='store_true', help='Additionally show the service type')
+    add('-c', '--count-services', action='store_true', help='Only display the number of services discovered')
+    add('--include-hidden-services', **hidden, default=argparse.SUPPRESS)  # as given before `list`, unless given here
+
+
+def _add_call(verb):
     verb.set_defaults(main=call)
     verb.add_argument('service_name', help="Name of the ROS service to call to (e.g. '/add_two_ints')")
     verb.add_argument('service_type', help="Type of the ROS service (e.g. 'std_srvs/srv/Empty')")
@@ -56,3 +90,34 @@ def call(args):
             if args.rate is None:
                 return None
             time.sleep(max(0.0, called + 1 / args.rate - time.monotonic()))
+
+
+def list_(args):
+    """Print the names of the services."""
+    with ros_node(use_sim_time=args.use_sim_time) as node:
+        time.sleep(args.spin_time)
+        listed = names_and_types(node.get_service_names_and_types(), args.include_hidden_services)
+    print_names(listed, count=args.count_services, show_types=args.show_types)
+
+
+def type_(args):
+    """Print the types of a service; exit code 1 if there is no such service."""
+    with ros_node(use_sim_time=args.use_sim_time) as node:
+        name = node.resolve_service_name(args.service_name)
+        types = find_types(node.get_service_names_and_types, name, args.spin_time)
+    print(*types or (), sep='\n', end='\n' if types else '')
+    return 0 if types else 1
+
+
+def info(args):
+    """Print type and numbers of clients and servers of a service."""
+    with ros_node(use_sim_time=args.use_sim_time) as node:
+        time.sleep(args.spin_time)
+        name = node.resolve_service_name(args.service_name)
+        types = dict(node.get_service_names_and_types()).get(name)
+        if not types:
+            return f"Unknown service '{args.service_name}'"
+        print(f'Type: {types[0] if len(types) == 1 else types}')
+        print(f'Clients count: {node.count_clients(name)}')
+        print(f'Services count: {node.count_services(name)}')
+    return None

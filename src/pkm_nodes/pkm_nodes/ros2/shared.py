@@ -41,6 +41,29 @@ def add_graph_arguments(parser, spin_time=DISCOVERY_TIME):
     parser.add_argument('--no-daemon', action='store_true', help='For compatibility; this tool has no daemon')
 
 
+def names_and_types(names, include_hidden):
+    """Return [(name, types as text)] of the graph's `names`; a part of a hidden name begins with an underscore."""
+    return [
+        (name, ', '.join(types))
+        for name, types in names
+        if include_hidden or not any(part.startswith('_') for part in name.split('/'))
+    ]
+
+
+def print_names(listed, *, count=False, show_types=False):
+    """Print the (name, types) of `listed` as the `list` verbs do."""
+    if count:
+        print(len(listed))
+        return
+    for name, types in listed:
+        print(f'{name} [{types}]' if show_types else name)
+
+
+def find_types(names, name, timeout):
+    """Return the types of `name` in the answers of `names()`, as soon as it is there; None after `timeout` [s]."""
+    return wait_for(lambda: dict(names()).get(name), timeout)
+
+
 def number(kind, accepts, wanted):
     """Return an argparse type: numbers of type `kind` for which `accepts(number)` is true."""
 

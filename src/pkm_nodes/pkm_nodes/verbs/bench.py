@@ -15,10 +15,15 @@ from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.recording.provenance import git_revision
 from pkm_core.verbs.console import Output, progress_bar, table
-from pkm_core.verbs.options import JsonOption, write_figures
+from pkm_core.verbs.options import JsonOption, OverwriteOption, write_figures
 from pkm_nodes.bench.subjects import FLOORS, GRAPHS, MACHINE, SUBJECTS, Subject
 from pkm_nodes.bench.targets import MEMORY_STEP, ratios, targets
 from pkm_nodes.clients.machine_watch import FIGURES
+
+
+def _subjects(incomplete: str):
+    """Return the subjects, for completion."""
+    return [name for name in SUBJECTS if name.startswith(incomplete)]
 
 
 def bench(
@@ -28,9 +33,11 @@ def bench(
         int, typer.Option(min=0, help='Cycles over which the memory of the composed cell is measured; 0: none.')
     ] = 1000,
     only: Annotated[
-        list[str] | None, typer.Option(help=f'Measure only this subject, repeatable: {", ".join(SUBJECTS)}.')
+        list[str] | None,
+        typer.Option(autocompletion=_subjects, help=f'Measure only this subject, repeatable: {", ".join(SUBJECTS)}.'),
     ] = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Measure the servo tick: bare middleware, composed cell, processes, rclpy's executor, MuJoCo, no ROS; print ratios.

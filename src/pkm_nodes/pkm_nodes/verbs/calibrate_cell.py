@@ -17,6 +17,7 @@ from pkm_core.verbs.options import (
     EnvironmentOption,
     JsonOption,
     MachineOption,
+    OverwriteOption,
     RunFolderOption,
     SeedOption,
     run_folder,
@@ -37,6 +38,7 @@ def calibrate_cell(
     arrangement: CellArrangementOption = Arrangement.composed,
     out: RunFolderOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Calibrate the machine of a cell in the ROS 2 graph: lengths, offsets and encoder marks by laser.
@@ -55,12 +57,11 @@ def calibrate_cell(
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     given = {'machine': machine.name, 'seed': seed, 'environment': environment, 'arrangement': arrangement}
-    figures = given | _figures(request, result)
-    write_figures(json_file, figures)
     console.print(_errors_table(machine, result, f'{machine.name}, seed {seed}, {environment}, {arrangement}'))
     console.print(_parameters_table(result))
     console.print(f'{request.poses} poses used, misfit {result.misfit:.2f} of the noise; allowed up to 1.5')
     console.plain(f'least known: {result.weakest} (in tolerances)')
+    write_figures(json_file, given | _figures(request, result))
     if result.message:
         raise PkmError(f'{result.message}\nthe calibration is in {Path(result.file).parent}; do not use it')
     console.plain(f'the calibrated machine is {result.file}; measurements and figure are beside it, bags in {out}')

@@ -23,6 +23,7 @@ from pkm_core.verbs.options import (
     LawOption,
     MachineOption,
     MotionOption,
+    OverwriteOption,
     RunFolderOption,
     SeedOption,
     TuningOption,
@@ -57,6 +58,7 @@ def commission(
     arrangement: ArrangementOption = Arrangement.composed,
     out: RunFolderOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Commission a machine: identify, tune, check on the measured response, apply, accept, calibrate, verify, learn,

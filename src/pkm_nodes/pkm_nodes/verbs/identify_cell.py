@@ -27,6 +27,7 @@ from pkm_core.verbs.options import (
     JointsOption,
     JsonOption,
     MachineOption,
+    OverwriteOption,
     RunFolderOption,
     SeedOption,
     run_folder,
@@ -49,6 +50,7 @@ def identify_cell(
     arrangement: CellArrangementOption = Arrangement.composed,
     out: RunFolderOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Identify P = K/(s (s + a)) H(s) of the axes of a cell in the ROS 2 graph; one bag per experiment.

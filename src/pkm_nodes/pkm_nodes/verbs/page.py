@@ -4,6 +4,8 @@ from typing import Annotated
 
 import typer
 
+from pkm_core.verbs.options import NamespaceOption
+from pkm_nodes.graph import NAMESPACE, clock_of, namespace_of
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
 
@@ -12,6 +14,7 @@ def page(
     host: Annotated[
         str, typer.Option(help='Address to listen on; 0.0.0.0 lets other computers view and operate the cell.')
     ] = '127.0.0.1',
+    namespace: NamespaceOption = NAMESPACE,
 ):
     """
     Show the running cell in a browser: 3D view, errors, currents and nodes; buttons run, jog, stop, reset.
@@ -19,14 +22,18 @@ def page(
     Attaches to the cell of this ROS_DOMAIN_ID, for example that of `pkm run`; the cell may start later.
 
     Example: `pkm page --port 8080`
+
+    Example: `pkm page --namespace left --port 8081`
     """
+    namespace = namespace_of(namespace)
     discover_on_this_computer()
     from pkm_nodes.nodes.dashboard import show
 
-    show(page_arguments(port, host))
+    show(page_arguments(port, host, namespace))
 
 
-def page_arguments(port, host):
+def page_arguments(port, host, namespace=NAMESPACE):
     """Return the ROS arguments of the node; the host is quoted, because `::1` and an empty text are no plain YAML."""
     quoted = host.replace("'", "''")
-    return ['--ros-args', '-p', f'port:={port}', '-p', f"host:='{quoted}'"]
+    moved = [word for rule in (('__ns', namespace), *clock_of(namespace)) for word in ('-r', ':='.join(rule))]
+    return ['--ros-args', *moved, '-p', f'port:={port}', '-p', f"host:='{quoted}'"]

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from pkm_core.files import write_text
-from pkm_nodes.parts.loaded_config import CONFIG_HASH
 
 HEAD = """# Parameters
 
@@ -19,8 +18,6 @@ a parameter of `cell` is refused. In YAML a quantity has its unit (`70 mm`); bou
 `{a, b}` stands for each of the names, `NAME` for a name of your own or of a joint, `[]` for every entry of a list.
 
 """
-# of ROS, and one that a node sets itself
-_NOT_SETTABLE = ('use_sim_time', 'start_type_description_service', 'qos_overrides.', CONFIG_HASH)
 
 
 def parameters(
@@ -41,27 +38,18 @@ def parameters(
 def parameter_page():
     """Return the page. Starts every node briefly, in a namespace without a cell."""
     import rclpy
-    from rclpy.parameter import Parameter
 
     from pkm_core.verbs.config_page import config_page, table
     from pkm_nodes.nodes.cell import NODES, CellNode
     from pkm_nodes.nodes.dashboard import DashboardNode
+    from pkm_nodes.parts.node_help import parameter_rows
 
     rclpy.init(args=['--ros-args', '-r', '__ns:=/parameters', '-r', '/clock:=/parameters/clock'])
     sections = []
     with TemporaryDirectory() as folder, chdir(folder):  # the recorder creates its folder
         for name, node_type in {'cell': CellNode, **NODES, 'dashboard': DashboardNode}.items():
             node = node_type()
-            rows = [
-                (
-                    f'`{parameter.name}`',
-                    Parameter.Type(node.describe_parameter(parameter.name).type).name.lower(),
-                    f'{parameter.value}' if parameter.value != '' else "''",
-                    node.describe_parameter(parameter.name).description,
-                )
-                for parameter in node.get_parameters(node.list_parameters([], 0).names)
-                if not parameter.name.startswith(_NOT_SETTABLE)
-            ]
+            rows = [(f'`{parameter}`', *others) for parameter, *others in parameter_rows(node)]
             sections.append(f'### {name}\n\n' + table(['parameter', 'type', 'default', ''], rows))
             for each in (node, *getattr(node, 'parts', ())):
                 each.destroy_node()

@@ -1,4 +1,8 @@
-"""`pkm run`: start a cell, run a motion for a number of learning cycles, and print its figures."""
+"""
+`pkm run`: start a cell, run a motion for a number of learning cycles, and print its figures.
+
+Libraries are imported where they are used: a refused option or motion does not wait for compilers and figures.
+"""
 
 from dataclasses import dataclass
 from math import isnan, nan
@@ -8,21 +12,12 @@ from typing import Annotated, Any
 import typer
 
 from pkm_core.arrangement import Arrangement
-from pkm_core.control.controllers import choose_control, kind_of
+from pkm_core.config import find_config
 from pkm_core.errors import PkmError
 from pkm_core.files import do_all, refused_if_unwritable, write_json
-from pkm_core.learning import law_file, make_law
-from pkm_core.learning.initial import first_feedforward
-from pkm_core.learning.store import check_replaceable
-from pkm_core.learning.tool import make_tool_law
-from pkm_core.machines import load_machine
-from pkm_core.motion.planning import default_motion, load_motion, plan, still_moves
-from pkm_core.motion.trajectory import to_joints
-from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
-from pkm_core.reporting.figures import plot_cycles
-from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
-from pkm_core.reporting.tool import tool_figures, tool_table
+from pkm_core.interrupts import Interrupted
 from pkm_core.servo.pace import checked_pace
+from pkm_core.verbs.completion import names_of
 from pkm_core.verbs.console import Output, progress_bar
 from pkm_core.verbs.options import (
     LAWS,
@@ -35,6 +30,7 @@ from pkm_core.verbs.options import (
     MachineOption,
     MotionOption,
     NamespaceOption,
+    OverwriteOption,
     PaceOption,
     RunFolderOption,
     SeedOption,
@@ -42,11 +38,21 @@ from pkm_core.verbs.options import (
     run_folder,
     write_figures,
 )
-from pkm_nodes.clients.machine_watch import sentence
 from pkm_nodes.graph import NAMESPACE, cell_nodes, namespace_of
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
 _LAW = 'fourier_pid'
+
+
+def _nodes(ctx: typer.Context, incomplete: str):
+    """Return the names of the nodes of the machine chosen so far, for completion."""
+    try:
+        nodes = cell_nodes(
+            ctx.params.get('machine_name') or 'four_dof', control=ctx.params.get('controller') or 'robust'
+        )
+    except PkmError:
+        return []
+    return [spec.name for spec in nodes if spec.name.startswith(incomplete)]
 
 
 def run(
@@ -56,7 +62,8 @@ def run(
     law: Annotated[
         str,
         typer.Option(
-            help=f'{LAWS}, none; or a YAML file. Default: {_LAW} with robust controllers, none with computed torque.'
+            autocompletion=names_of('learning', more=('none',)),
+            help=f'{LAWS}, none; or a YAML file. Default: {_LAW} with robust controllers, none with computed torque.',
         ),
     ] = '',
     controller: ControllerOption = 'robust',
@@ -72,15 +79,21 @@ def run(
     pace: PaceOption = 0.0,
     without: Annotated[
         list[str] | None,
-        typer.Option(metavar='NODE', help='Do not start this node, because another node replaces it; repeatable.'),
+        typer.Option(
+            metavar='NODE',
+            autocompletion=_nodes,
+            help='Do not start this node, because another node replaces it; repeatable.',
+        ),
     ] = None,
     out: RunFolderOption = None,
     json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ):
     """
     Run a motion for a number of learning cycles in the ROS 2 graph.
 
     Writes one MCAP bag per cycle, results.json and learning.png into --out, and prints the first beside the last cycle.
+    Ctrl-C ends the run and keeps all whole cycles, with results.json.
 
     Example: `pkm run --cycles 12 --law fourier_pid --arrangement processes`
 
@@ -102,13 +115,13 @@ def run(
     options = {'seed': seed, 'environment': environment, 'without': cell['without']}
     cell_nodes(machine_name, control=controller, learning_target=learning_target, **options)
     out = run_folder(out, goal.machine.name)
-    if (out / 'results.json').exists():
-        raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
     try:
         driven = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
-        log, records, session, not_saved, figures_of_pace = driven
+        log, records, session, not_saved, figures_of_pace, interrupted = driven
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
+    from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
+
     hashes = {record.facts.get('config_hash', '') for record in records}
     loop = loop_hash(goal.machine, controller, machine_hash(machine_name))
     expected = config_hash([loop], Path(goal.motion).stem, goal.law)
@@ -128,15 +141,23 @@ def run(
         lambda: _print_account(console, results, out),
         lambda: _refuse(not_saved),
     )
+    if interrupted:
+        console.plain(f'interrupted after {len(records)} of {goal.cycles} cycles; these are kept')
+        raise interrupted
 
 
 def _print_tables(console, machine, records):
+    from pkm_core.reporting.summary import cycles_table
+    from pkm_core.reporting.tool import tool_table
+
     console.print(cycles_table(machine, records))
     if at_tool := tool_table(records):
         console.print(at_tool)
 
 
 def _plot(records, path):
+    from pkm_core.reporting.figures import plot_cycles
+
     with refused_if_unwritable(path):
         plot_cycles(records, path)
 
@@ -161,16 +182,28 @@ class _Goal:
     @property
     def files(self):
         """Folders that the cell may use because the user named files in them, as keywords of `CellProcesses`."""
+        from pkm_core.learning import law_file
+
         law = '' if self.law == 'none' else str(law_file(self.law).resolve().parent)
         return {'plugins': law, 'learned': self.save_learned.resolve().parent if self.save_learned else ''}
 
     @classmethod
     def checked(cls, machine_name, motion, cycles, law, controller, learned, save_learned, learning_target):
         """Return the goal of these options of the verb; `PkmError` if the cell would refuse it."""
+        from pkm_core.machines import load_machine
+        from pkm_core.motion.planning import default_motion, load_motion, plan, still_moves
+        from pkm_core.motion.trajectory import to_joints
+
+        for kind, name in (('machines', machine_name), ('motions', motion)):
+            if name:
+                find_config(kind, name)  # an unknown name is refused before units and models are loaded
         machine = load_machine(machine_name)
         motion = motion or default_motion(machine)
         poses = plan(machine, load_motion(motion))
         joints = to_joints(machine, poses)
+        from pkm_core.control.controllers import choose_control, kind_of
+        from pkm_core.learning import law_file, make_law
+
         gains = choose_control(machine, controller)
         kind = kind_of(gains)
         law = law or (_LAW if kind == 'robust' else 'none')
@@ -181,12 +214,18 @@ class _Goal:
         elif save_learned:
             raise PkmError('--save-learned: given with --law none, which learns nothing; expected a learning law')
         if save_learned:
+            from pkm_core.learning.store import check_replaceable
+
             check_replaceable(save_learned)
         if learning_target == 'tool':
             if law == 'none':
                 raise PkmError('--learning-target: tool given with --law none, which learns nothing; expected a law')
+            from pkm_core.learning.tool import make_tool_law
+
             make_tool_law(machine, gains, make_law(law, machine, gains), poses, joints)
         if learned:
+            from pkm_core.learning.initial import first_feedforward
+
             first_feedforward(learned, machine, Path(motion).stem, law, gains, joints)
         return cls(machine, motion, cycles, law, learned, save_learned, still_moves(machine, joints))
 
@@ -205,6 +244,8 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
         Why the learned feedforward was not saved, '' if it was or need not be.
     pace : dict
         Figures of a `MachineWatch`.
+    interrupted : Interrupted or None
+        The signal that ended the motion after at least one whole cycle.
 
     """
     from pkm_nodes.clients.cell_client import CellClient
@@ -239,19 +280,29 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
                 shown = client.machine.pause
                 bar.show(name=f'{what}: {shown}' if shown else what)
 
-        log = client.execute(goal.motion, goal.cycles, goal.law, check_and_tell, on_feedback, learned=learned)
-        pace = client.pace_figures(check) if cell_options['pace'] else client.machine.figures()
-        not_saved = ''
-        if goal.save_learned:
+        not_saved, interrupted = '', None
+        try:
+            log = client.execute(goal.motion, goal.cycles, goal.law, check_and_tell, on_feedback, learned=learned)
+        except Interrupted as signal:
+            log, interrupted = client.log_so_far(), signal
+            if not log.bags:
+                console.plain(f'interrupted within the first cycle; its bag is in {cell.bags}')
+                raise
+        known = interrupted or not cell_options['pace']
+        pace = client.machine.figures() if known else client.pace_figures(check)
+        if goal.save_learned and not interrupted:
             try:
                 client.save_learned(goal.save_learned.resolve(), check)
             except PkmError as error:  # the cycles have run: their results are kept
                 not_saved = str(error)
-        return log, read_own(log.bags, cell), cell.session, not_saved, pace
+        return log, read_own(log.bags, cell), cell.session, not_saved, pace, interrupted
 
 
 def _results(goal, cell, arrangement, hash_of_config, log, records):
     """Return the content of results.json."""
+    from pkm_core.reporting.summary import cycle_figures, messages
+    from pkm_core.reporting.tool import tool_figures
+
     return {
         'machine': goal.machine.name,
         'motion': Path(goal.motion).stem,
@@ -275,6 +326,8 @@ def _results(goal, cell, arrangement, hash_of_config, log, records):
 
 def _print_account(console, results, out):
     """Print speed, notices, recorded and expected messages."""
+    from pkm_nodes.clients.machine_watch import sentence
+
     counted = [entry for entry in results['messages'].values() if entry['expected'] is not None]
     recorded, expected = (sum(entry[key] for entry in counted) for key in ('recorded', 'expected'))
     lost = sum(max(0, entry['expected'] - entry['recorded']) for entry in counted)
