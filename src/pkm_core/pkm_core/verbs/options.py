@@ -45,7 +45,10 @@ LAWS = f'Learning law: {_laws()}'
 MachineOption = Annotated[str, typer.Option('--machine', help='Machine of config/machines, or a YAML file.')]
 MotionOption = Annotated[str, typer.Option(help="Motion of config/motions, or a YAML file; '' is the machine's own.")]
 ControllerOption = Annotated[
-    str, typer.Option(help="Gains: robust or computed_torque (the machine's own), a file of config, or a YAML file.")
+    str,
+    typer.Option(
+        help="Gains: robust, observer or computed_torque (the machine's own), a file of config, or a YAML file."
+    ),
 ]
 LawOption = Annotated[str, typer.Option(help=f'{LAWS}; or a YAML file.')]
 LearningTargetOption = Annotated[
@@ -122,5 +125,5 @@ def robust_gains(machine, controller):
 
     gains = choose_control(machine, controller)
     if kind_of(gains) != 'robust':
-        raise PkmError(f'--controller: {controller!r} is computed torque; expected gains of robust controllers')
+        raise PkmError(f'--controller: {controller!r} is for {kind_of(gains)}; expected gains of robust controllers')
     return gains
