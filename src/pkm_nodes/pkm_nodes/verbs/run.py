@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from pkm_core.arrangement import Arrangement
-from pkm_core.control.controllers import choose_control, kind_of
+from pkm_core.control.controllers import SINGLE_AXIS, choose_control, kind_of
 from pkm_core.errors import PkmError
 from pkm_core.files import do_all, refused_if_unwritable, write_json
 from pkm_core.learning import law_file, make_law
@@ -46,7 +46,7 @@ from pkm_nodes.clients.machine_watch import sentence
 from pkm_nodes.graph import NAMESPACE, cell_nodes, namespace_of
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
-_LAW = 'fourier_pid'
+_LAWS = {'robust': 'fourier_pid', 'observer': 'inverse'}  # default by kind of control; none for others
 
 
 def run(
@@ -56,7 +56,8 @@ def run(
     law: Annotated[
         str,
         typer.Option(
-            help=f'{LAWS}, none; or a YAML file. Default: {_LAW} with robust controllers, none with computed torque.'
+            help=f'{LAWS}, none; or a YAML file. Default: {_LAWS["robust"]} with robust controllers, '
+            f'{_LAWS["observer"]} with observers, none with computed torque.'
         ),
     ] = '',
     controller: ControllerOption = 'robust',
@@ -173,10 +174,10 @@ class _Goal:
         joints = to_joints(machine, poses)
         gains = choose_control(machine, controller)
         kind = kind_of(gains)
-        law = law or (_LAW if kind == 'robust' else 'none')
+        law = law or _LAWS.get(kind, 'none')
         if law != 'none':
             law_file(law)
-            if kind != 'robust':
+            if kind not in SINGLE_AXIS:
                 raise PkmError(f'--law: {law!r} given; --controller {controller} does not learn, expected none')
         elif save_learned:
             raise PkmError('--save-learned: given with --law none, which learns nothing; expected a learning law')
