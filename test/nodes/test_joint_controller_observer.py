@@ -63,7 +63,7 @@ def test_unfit_weights_are_refused_and_the_old_ones_stay(graph, name, value, tex
     assert node.get_parameter('force_noise').value == before
 
 
-def test_cycle_with_other_weights_is_not_learned_and_a_notice_says_so(graph, axis, learning, machine):
+def test_cycle_with_other_weights_is_not_learned_with_a_notice(graph, axis, learning, machine):
     """The learning node has the weights of the configuration."""
     graph.start(JointControllerNode, joint='d3', control='observer')
     learning.will_answer([0.1] * SAMPLES)
