@@ -168,7 +168,7 @@ def test_computed_torque_accepts_only_goals_without_learning(graph, goals, stand
     graph.start(TrajectoryGeneratorNode, control='computed_torque')
     status, result = goals.result(goals.send(motion=MOTION, learning_law='fourier'))
     assert status == GoalStatus.STATUS_ABORTED
-    assert 'd1 has TorqueGains; only robust control learns' in result.message
+    assert 'd1 has TorqueGains; only controllers of single axes learn' in result.message
     goal = goals.send(motion=MOTION, controller='computed_torque')
     stand_in.run(1)
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED

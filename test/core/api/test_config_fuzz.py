@@ -136,6 +136,7 @@ USES = {
     'model': use_model,
     'control': use_control,
     'control/computed_torque': lambda config, name: use_control(config, name, 'computed_torque'),
+    'control/observer': lambda config, name: use_control(config, name, 'observer'),
     'truth': use_truth,
     'motions': use_motion,
     'learning': use_law,
@@ -144,6 +145,7 @@ USES = {
 }
 FILES = [f'{folder}/planar' for folder in ('machines', 'model', 'control', 'control/computed_torque', 'truth')]
 FILES += ['motions/planar_80ms', 'motions/planar_limits', 'learning/fourier_pid', 'learning/basis', 'tuning/robust']
+FILES += ['control/observer/planar', 'tuning/observer']
 FILES += ['design/tolerances', 'design/chapter4']
 
 

@@ -176,7 +176,11 @@ def with_update(function, base=Proportional):
         ({'law': 'foo'}, pkm.LearningError, "learning law 'foo' is unknown"),
         ({'law': Ahead}, pkm.LearningError, 'simulate: law is the class Ahead, not an object of it; allowed: '),
         ({'law': {'gain': 1.0}}, pkm.LearningError, "simulate: law is {'gain': 1.0}; allowed: "),
-        ({'law': 'inverse', 'controller': 'computed_torque'}, pkm.LearningError, 'only robust control learns'),
+        (
+            {'law': 'inverse', 'controller': 'computed_torque'},
+            pkm.LearningError,
+            'only controllers of single axes learn',
+        ),
         ({'law': 'inverse', 'controller': Proportional()}, pkm.LearningError, "law 'inverse' is designed for gains"),
         ({'controller': 'foo'}, pkm.ConfigError, "control: 'foo' given; allowed: "),
         ({'controller': Proportional}, pkm.PkmError, 'simulate: controller is the class Proportional, not an object'),

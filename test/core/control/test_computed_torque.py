@@ -180,7 +180,7 @@ def test_control_is_chosen_by_kind_by_name_or_by_file(chosen, folder, name, kind
 
 def test_unknown_control_or_that_of_another_machine_is_refused(tmp_path):
     with pytest.raises(
-        ConfigError, match=r"'fast' given; allowed: \['robust', 'computed_torque'\], .*'four_dof_thesis'"
+        ConfigError, match=r"'fast' given; allowed: \['robust', 'computed_torque', 'observer'\], .*'four_dof_thesis'"
     ):
         choose_control(FOUR_DOF, 'fast')
     with pytest.raises(ConfigError, match=r"joints are \['d1', 'd3'\]; four_dof has"):

@@ -5,8 +5,9 @@ import pytest
 from scipy.signal import lfilter
 
 from pkm_core.config import find_config
+from pkm_core.control.axis import feedforward_gains
 from pkm_core.control.model import load_model
-from pkm_core.control.robust import RobustController, feedforward_gains, load_control
+from pkm_core.control.robust import RobustController, load_control
 from pkm_core.control.systems import open_loop, plant_system
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine

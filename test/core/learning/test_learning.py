@@ -177,7 +177,7 @@ def test_unknown_law_is_refused_with_the_known_ones():
 
 def test_law_for_computed_torque_is_refused():
     machine = MACHINES['planar']
-    with pytest.raises(LearningError, match='d1 has TorqueGains; only robust control learns'):
+    with pytest.raises(LearningError, match='d1 has TorqueGains; only controllers of single axes learn'):
         untested_law('inverse', machine, load_torque_control(machine))
 
 

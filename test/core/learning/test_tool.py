@@ -5,9 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from pkm_core.control.axis import feedforward_gains
 from pkm_core.control.margins import perturbed_models
 from pkm_core.control.model import load_model
-from pkm_core.control.robust import feedforward_gains, load_control
+from pkm_core.control.robust import load_control
 from pkm_core.control.systems import plant_system
 from pkm_core.errors import ConfigError, LearningError
 from pkm_core.learning import make_law

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pkm_core.control.controllers import make_controller
-from pkm_core.control.robust import load_control
+from pkm_core.control.controllers import choose_control, make_controller
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import load_motion, plan
@@ -28,9 +27,9 @@ def trajectory():
 class Loop:
     """A plant with its controllers after one cycle, compiled or tick by tick."""
 
-    def __init__(self, trajectory, *, compiled, learned=0.0):
+    def __init__(self, trajectory, *, compiled, learned=0.0, control='robust'):
         self.plant = Plant(MACHINE, 3)
-        self.controller = make_controller(MACHINE, load_control(MACHINE))
+        self.controller = make_controller(MACHINE, choose_control(MACHINE, control))
         self.trajectory, self.compiled = trajectory, compiled
         self.run(learned)
 
@@ -66,9 +65,10 @@ def assert_same_bits(one, other):
     assert one.samples == other.samples
 
 
-def test_compiled_cycles_give_the_bits_of_single_ticks(trajectory):
+@pytest.mark.parametrize('control', ['robust', 'observer'])
+def test_compiled_cycles_give_the_bits_of_single_ticks(trajectory, control):
     """Both cycles of two."""
-    compiled, ticks = Loop(trajectory, compiled=True), Loop(trajectory, compiled=False)
+    compiled, ticks = (Loop(trajectory, compiled=each, control=control) for each in (True, False))
     assert compiled.samples == len(trajectory)
     assert_same_bits(compiled, ticks)
     compiled.run()

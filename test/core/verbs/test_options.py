@@ -101,7 +101,7 @@ def test_file_of_others_is_not_chosen_for_learned_feedforward(tmp_path):
 
 
 def test_computed_torque_gains_are_refused_for_robust_control():
-    with pytest.raises(PkmError, match=r"^--controller: 'computed_torque' is computed torque; expected gains of"):
+    with pytest.raises(PkmError, match=r"^--controller: 'computed_torque' is for computed_torque; expected gains of"):
         robust_gains(load_machine('planar'), 'computed_torque')
 
 

@@ -15,7 +15,7 @@ from pkm_core.api.motions import PlannedMotion, plan
 from pkm_core.api.own import Controller, LearningLaw, own_controller, own_law
 from pkm_core.api.typing import Array, checked_array, checked_count
 from pkm_core.control.controllers import choose_control
-from pkm_core.control.pid import PidLaw
+from pkm_core.control.pid import AxisLaw
 from pkm_core.errors import LearningError, PkmError, TrajectoryError
 from pkm_core.learning import make_law
 from pkm_core.machines.base import Machine
@@ -178,8 +178,8 @@ def simulate(
     cycles : int
         How many, from 1.
     controller : str or Path or mapping or Controller
-        'robust' or 'computed_torque' with the machine's gains, a name or YAML file of gains, {joint: gains}, or an
-        own `Controller`.
+        'robust', 'observer' or 'computed_torque' with the machine's gains, a name or YAML file of gains,
+        {joint: gains}, or an own `Controller`.
     law : str or Path or LearningLaw, optional
         Name of a file in config/learning, a YAML file, or an own `LearningLaw`; None or 'none' learns nothing.
     seed : int
@@ -260,7 +260,9 @@ def _law(machine: Machine, gains: Any, given: Any) -> tuple[Any, str]:
                 f'simulate: law {str(given)!r} is designed for gains of robust control, an own controller has none; '
                 f"allowed with it: 'none' or an own law"
             )
-        if not all(isinstance(axis_gains, PidLaw) for axis_gains in gains.values()):
-            raise LearningError(f'simulate: law {str(given)!r} with computed torque; only robust control learns')
+        if not all(isinstance(axis_gains, AxisLaw) for axis_gains in gains.values()):
+            raise LearningError(
+                f'simulate: law {str(given)!r} with computed torque; only controllers of single axes learn'
+            )
         return make_law(str(given), machine, gains), Path(given).stem
     return own_law(machine, given), type(given).__name__

@@ -16,7 +16,7 @@ from pkm_core.control.controllers import choose_control
 from pkm_core.control.margin_plots import draw_bode, draw_nyquist, draw_sensitivity, model_loops
 from pkm_core.control.margins import Margins, stability_margins, worst_margins
 from pkm_core.control.model import AxisModel, load_model
-from pkm_core.control.pid import PidLaw
+from pkm_core.control.pid import AxisLaw
 from pkm_core.errors import PkmError
 from pkm_core.machines.base import Machine
 
@@ -92,7 +92,8 @@ def loop_system(
     machine, joint, form, model
         As for `axis_system`.
     controller : str or Path or mapping
-        'robust' or 'computed_torque' with the machine's gains, a name or YAML file of gains, or {joint: gains}.
+        'robust', 'observer' or 'computed_torque' with the machine's gains, a name or YAML file of gains, or
+        {joint: gains}.
 
     Raises
     ------
@@ -214,13 +215,13 @@ def margins(
     )
 
 
-def _gains(where: str, machine: Machine, joint: str, controller: Any, model: AxisModel) -> PidLaw:
+def _gains(where: str, machine: Machine, joint: str, controller: Any, model: AxisModel) -> AxisLaw:
     """Return the linear law of a joint, of a choice of controller."""
     gains = choose_control(machine, str(controller)) if isinstance(controller, str | Path) else controller
     if not isinstance(gains, Mapping) or joint not in gains:
         raise PkmError(f'{where}: controller {controller!r} given; expected a name or {{{joint!r}: gains, ...}}')
     axis_gains = gains[joint]
-    return axis_gains if isinstance(axis_gains, PidLaw) else axis_gains.pid(model)
+    return axis_gains if isinstance(axis_gains, AxisLaw) else axis_gains.pid(model)
 
 
 def _as_control(system: systems.System, machine: Machine, form: str, name: str, source: str, target: str) -> Any:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pkm_core.control.systems import control_system, plant_system
+from pkm_core.control.systems import plant_system
 
 WORSE = 1.1  # times the error as found, and
 NOISE = 2e-6  # [m] more: the scatter of one cycle by friction
@@ -13,7 +13,7 @@ def friction_error(gains, model, sample_time):
     """Return the largest error [m] after a reversal of Coulomb friction that nothing compensates; 0 without forces."""
     if model.forces is None:
         return 0.0
-    controller, plant = control_system(gains, sample_time), plant_system(model, sample_time)
+    controller, plant = gains.system(sample_time), plant_system(model, sample_time)
     x, v, largest = np.zeros(plant.B.size), np.zeros(controller.B.size), 0.0
     for _ in range(_SAMPLES):  # the plant has a delay: its output does not depend on the present input
         y = float(plant.C[0] @ x)

@@ -116,7 +116,7 @@ def feedforward(cycle, plain, gains, model, sample_time):
 
 def _arrival(gains, model, frequency, sample_time):
     """Return the voltage at the slider, seen by the encoder, over the feedforward at `frequency` (F,) [Hz] from 0."""
-    found = np.full(frequency.shape, gains.lag.dc_gain, dtype=complex)  # at 0 Hz
+    found = np.full(frequency.shape, gains.dc_gain, dtype=complex)  # at 0 Hz
     f = frequency[1:]
     z, s = unit_circle(f, sample_time), 2j * np.pi * f
     filters = gains.response(z, sample_time) / gains.pid_response(z, sample_time)

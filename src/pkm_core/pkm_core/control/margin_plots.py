@@ -14,7 +14,10 @@ def model_loops(gains, model, sample_time):
     frequency = np.unique(np.concatenate([np.geomspace(2.0, grid[-1], 500), grid[(grid > 150) & (grid < 600)]]))
     z = unit_circle(frequency, sample_time)
     controller = gains.response(z, sample_time)
-    loops = [controller * plant_system(each, sample_time)(z) for each in perturbed_models(model)]
+    loops = [
+        controller * plant_system(each, sample_time)(z)
+        for each in perturbed_models(model, uncertainty=gains.uncertainty)
+    ]
     return frequency, loops[0], loops[1:]
 
 

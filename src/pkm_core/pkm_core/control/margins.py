@@ -6,12 +6,11 @@ from itertools import product
 import numpy as np
 
 from pkm_core.control.nyquist import FIGURES, loop_figures
-from pkm_core.control.systems import control_system, open_loop, plant_system
+from pkm_core.control.systems import open_loop, plant_system
+from pkm_core.control.uncertainty import UNIDENTIFIED
 from pkm_core.errors import PkmError
 
-GAIN_SPREAD = (1.0, 0.8, 1.2)  # payload, drive and identification
 _OF_MOTION = ('gain_reduction', 'crossover', 'bandwidth', 'bandwidth_3db', 'tracking_bandwidth')  # of a moving axis
-RESONANCE_SPREAD = (1.0, 0.95, 1.05)  # over the workspace
 
 
 @dataclass(frozen=True)
@@ -79,14 +78,15 @@ def measured_margins(frequency, loop):
     return _margins(frequency, loop, np.nan)
 
 
-def perturbed_models(model, gains=GAIN_SPREAD):
+def perturbed_models(model, gains=None, uncertainty=UNIDENTIFIED):
     """
-    Return models within the uncertainty of `model`, `model` itself first.
+    Return models within the `Uncertainty` of `model`, `model` itself first; `gains` replaces its factors of the gain.
 
-    Gain +-20 %, all modes shifted by +-5 %, and both signs of the damping of every anti-resonance: the printed models
-    of the thesis do not show on which side of the imaginary axis the zeros are, and a change of pose can move them
-    across.
+    `UNIDENTIFIED`: gain +-20 %, all modes shifted by +-5 %, and both signs of the damping of every anti-resonance: the
+    printed models of the thesis do not show on which side of the imaginary axis the zeros are, and a change of pose can
+    move them across. `IDENTIFIED`: gain +-10 %, modes +-3 %.
     """
+    signs_of_zeros = product((1, -1) if uncertainty.both_signs else (1,), repeat=len(model.modes))
     return [
         model.model_copy(
             update={
@@ -94,9 +94,9 @@ def perturbed_models(model, gains=GAIN_SPREAD):
                 'modes': tuple(_shifted(mode, shift, sign) for mode, sign in zip(model.modes, signs, strict=True)),
             }
         )
-        for signs in product((1, -1), repeat=len(model.modes))
-        for shift in RESONANCE_SPREAD
-        for gain in gains
+        for signs in signs_of_zeros
+        for shift in uncertainty.resonances
+        for gain in (uncertainty.gains if gains is None else gains)
     ]
 
 
@@ -106,19 +106,23 @@ def is_guide_known(model):
 
 
 def worst_margins(gains, model, sample_time):
-    """Return the `Margins` with each figure the worst over `perturbed_models` and, with `forces`, the stuck guide."""
+    """
+    Return the `Margins` with each figure the worst over `perturbed_models` and, with `forces`, the stuck guide.
+
+    The models are those of the `uncertainty` of the law `gains`.
+    """
     frequency = design_grid(sample_time)
     z = unit_circle(frequency, sample_time)
     controller, found = gains.response(z, sample_time), []
-    for shape in perturbed_models(model, gains=(1.0,)):
+    for shape in perturbed_models(model, (1.0,), gains.uncertainty):
         loop = controller * plant_system(shape, sample_time)(z)
-        for gain in GAIN_SPREAD:
+        for gain in gains.uncertainty.gains:
             pole = _slowest_pole(gains, shape.model_copy(update={'gain': gain * model.gain}), sample_time)
             found.append(_margins(frequency, gain * loop, pole))
     if is_guide_known(model):
         plant = plant_system(model, sample_time, stuck=True)
-        law, response = control_system(gains, sample_time), plant(z)
-        for gain in GAIN_SPREAD:
+        law, response = gains.system(sample_time), plant(z)
+        for gain in gains.uncertainty.gains:
             poles = law.then(replace(plant, C=gain * plant.C)).closed_loop_poles()
             stuck = _margins(frequency, gain * controller * response, float(np.abs(poles).max()))
             # crossover and bandwidth are those of a moving axis: on its spring the axis follows the integrator
@@ -137,6 +141,20 @@ def require_stable(where, gains, model, sample_time):
         margins = stability_margins(gains, model, sample_time)
         excess = f', gain margin {-margins.gain_reduction:.1f} dB' if np.isfinite(margins.gain_reduction) else ''
         raise PkmError(f'{where}: the loop is unstable: slowest pole |z| = {pole:.4f}; allowed below 1{excess}')
+
+
+def require_stable_set(where, gains, model, sample_time):
+    """Raise `PkmError`, beginning with `where`, unless the loop is stable on all `perturbed_models` of its law."""
+    require_stable(where, gains, model, sample_time)
+    for each in perturbed_models(model, uncertainty=gains.uncertainty):
+        pole = _slowest_pole(gains, each, sample_time)
+        if pole >= 1:
+            shift = each.modes[0].resonance / model.modes[0].resonance - 1 if model.modes else 0.0
+            raise PkmError(
+                f'{where}: the loop is unstable within the uncertainty of its model, at gain '
+                f'{each.gain / model.gain - 1:+.0%} and modes {shift:+.0%}: slowest pole |z| = {pole:.4f}; allowed '
+                'below 1'
+            )
 
 
 def require_margins(where, gains, model, sample_time, *, gain_margin, phase_margin):

@@ -1,9 +1,38 @@
 """The linear law of one axis, PID with filtered derivative and the filters behind it, as a frequency response."""
 
 from dataclasses import dataclass
+from typing import ClassVar
+
+from pkm_core.control.systems import pid_system
+from pkm_core.control.uncertainty import UNIDENTIFIED, Uncertainty
 
 
-class PidLaw:
+class AxisLaw:
+    """
+    A linear law of one axis, error [m] to voltage [V].
+
+    A feedforward is added in front of the filters `stages`; `pid_response` is the response of what is in front of them,
+    `response` that of the whole law. `uncertainty` is that of the models on which it must be stable.
+    """
+
+    uncertainty: ClassVar[Uncertainty] = UNIDENTIFIED
+
+    @property
+    def stages(self):
+        """The filters behind the feedforward, in their order; none here."""
+        return ()
+
+    @property
+    def dc_gain(self):
+        """Gain of the filters `stages` at rest."""
+        return 1.0
+
+    def on(self, model):
+        """Return the law for another `AxisModel`: this one, unless it is designed from the model."""
+        return self
+
+
+class PidLaw(AxisLaw):
     """PID with gains kp [V/m], ki [V/(m s)], kd [V s/m], derivative_filter [s] and, in series, the filters `stages`."""
 
     kp: float
@@ -11,10 +40,9 @@ class PidLaw:
     kd: float
     derivative_filter: float
 
-    @property
-    def stages(self):
-        """The filters behind the PID, in their order; none here."""
-        return ()
+    def system(self, sample_time):
+        """Return the whole law as a discrete `System`."""
+        return pid_system(self, sample_time)
 
     def pid_response(self, z, sample_time, *, integral=1.0, derivative=1.0):
         """Return KP + `integral` I + `derivative` D [V/m] at the points `z` of the unit circle, z = 1 excluded."""

@@ -81,11 +81,11 @@ def plant_system(model, sample_time, *, stuck=False):
 
 
 def open_loop(gains, model, sample_time):
-    """Return L = PID FL FN z^-1 ZOH{P} of a `PidLaw` and an `AxisModel`, error [m] to position [m]."""
-    return control_system(gains, sample_time).then(plant_system(model, sample_time))
+    """Return L, law times z^-1 ZOH{P}, of an `AxisLaw` and an `AxisModel`, error [m] to position [m]."""
+    return gains.system(sample_time).then(plant_system(model, sample_time))
 
 
-def control_system(gains, sample_time):
+def pid_system(gains, sample_time):
     """Return PID FL FN of a `PidLaw`, error [m] to voltage [V]."""
     control = _pid_system(gains, sample_time)
     for stage in gains.stages:

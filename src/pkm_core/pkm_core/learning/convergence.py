@@ -55,7 +55,7 @@ def convergence(law, joint):
     sample_time = law.machine.sample_time
     frequency = np.concatenate([[SLOWEST, 0.5], np.arange(STEP, law.config.band.fall_to + STEP, STEP)])
     z = unit_circle(frequency, sample_time)
-    models = perturbed_models(law.models[joint])
+    models = perturbed_models(law.models[joint], uncertainty=law.gains[joint].uncertainty)
     memory, action = law.memory(joint, frequency), law.action(joint, frequency)
     gain = max(law.config.gain)
     plants = {}  # by modes, for gain 1

@@ -24,6 +24,8 @@ from pydantic import Field
 
 from pkm_core.config import Number
 from pkm_core.control.margins import unit_circle
+from pkm_core.control.pid import PidLaw
+from pkm_core.errors import LearningError
 from pkm_core.learning.law import FrequencyLaw, LawConfig
 
 
@@ -51,6 +53,12 @@ class FourierLaw(FrequencyLaw):
 
     def __init__(self, config, machine, gains):
         super().__init__(config, machine, gains)
+        for joint, axis in gains.items():
+            if not isinstance(axis, PidLaw):
+                raise LearningError(
+                    f'learning: {joint} has {type(axis).__name__}; the law fourier needs a PID; allowed: inverse, '
+                    'norm_optimal, basis'
+                )
         self.advance = {joint: self._loop_delay(joint) for joint in gains}
 
     def as_printed(self):

@@ -16,7 +16,7 @@ from pydantic import Field
 from pkm_core.config import Config, Number
 from pkm_core.control.margins import unit_circle
 from pkm_core.control.model import load_model
-from pkm_core.control.pid import PidLaw
+from pkm_core.control.pid import AxisLaw
 from pkm_core.control.systems import plant_system
 from pkm_core.errors import LearningError
 from pkm_core.learning.band import Band
@@ -150,10 +150,10 @@ class FrequencyLaw(Law):
 
 
 def require_robust(gains):
-    """Raise `LearningError` unless all `gains` {joint: gains} are those of robust control."""
+    """Raise `LearningError` unless all `gains` {joint: gains} are laws of single axes."""
     for joint, axis in gains.items():
-        if not isinstance(axis, PidLaw):
-            raise LearningError(f'learning: {joint} has {type(axis).__name__}; only robust control learns')
+        if not isinstance(axis, AxisLaw):
+            raise LearningError(f'learning: {joint} has {type(axis).__name__}; only controllers of single axes learn')
 
 
 def closed(error, sample_time):

@@ -15,8 +15,8 @@ joints. Above its resonance a mode turns the sign of the correction, which then 
 
 import numpy as np
 
+from pkm_core.control.axis import feedforward_gains
 from pkm_core.control.margins import perturbed_models, unit_circle
-from pkm_core.control.robust import feedforward_gains
 from pkm_core.control.systems import plant_system
 from pkm_core.errors import LearningError
 from pkm_core.learning.convergence import SLOWEST, STEP, Convergence
@@ -54,7 +54,7 @@ def tool_convergence(config, machine, gains, model, law, joint):
     H = _tools(config, frequency)[:, None, None, :]
     step = np.array([[max(config.gain)], [min(config.gain)]])[:, None, :] * config.weight(frequency)
     A = np.array(sorted(set(law.config.gain) if law else {0.0}))[:, None] * A
-    models, factor, plants = perturbed_models(model), [], {}
+    models, factor, plants = perturbed_models(model, uncertainty=gains.uncertainty), [], {}
     for each in models:
         if each.modes not in plants:
             plants[each.modes] = plant_system(each, sample_time)(z) / each.gain

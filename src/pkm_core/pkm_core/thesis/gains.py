@@ -7,7 +7,7 @@ an assumption (the resulting volts per millimetre agree within a third). Feedfor
 of the reference.
 """
 
-from pkm_core.control.robust import feedforward_gains
+from pkm_core.control.axis import feedforward_gains
 
 _CODES = 2**15  # of the converter from zero to its limit
 _DC_GAIN = 10.0  # of the lag filter in the thesis

@@ -1,10 +1,22 @@
-"""Models of config/tuning: targets, limits, search range and search size of `pkm tune`."""
+"""Models of config/tuning: targets, limits, search range and search size of `pkm tune`, by structure."""
 
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from pkm_core.config import Angle, Config, Frequency, Number, find_config, load_config
+from pkm_core.config import (
+    Angle,
+    Config,
+    Frequency,
+    Length,
+    Number,
+    Time,
+    Voltage,
+    find_config,
+    load_config,
+    quantity,
+    read_yaml,
+)
 from pkm_core.control.filters import Decibel
 
 
@@ -37,6 +49,14 @@ def _range(kind):
     return Annotated[tuple[Annotated[kind, Field(gt=0)], Annotated[kind, Field(gt=0)]], Field()]
 
 
+def _in_order(bounds):
+    """Return the validated `bounds`; `ValueError` if the lower one of a pair is not the first."""
+    for name, (low, high) in bounds:
+        if not low < high:
+            raise ValueError(f'{name}: {low:g} to {high:g} given; expected the lower bound first')
+    return bounds
+
+
 class Bounds(Config):
     """Search range of every parameter; candidates are uniform in its logarithm."""
 
@@ -50,12 +70,7 @@ class Bounds(Config):
     notch_width: _range(Frequency)
     notch_attenuation: _range(Decibel)
 
-    @model_validator(mode='after')
-    def _are_in_order(self):
-        for name, (low, high) in self:
-            if not low < high:
-                raise ValueError(f'{name}: {low:g} to {high:g} given; expected the lower bound first')
-        return self
+    _are_in_order = model_validator(mode='after')(_in_order)
 
 
 class Search(Config):
@@ -75,6 +90,40 @@ class TuningConfig(Config):
     search: Search
 
 
+class ObserverBounds(Config):
+    """Search range of every weight of an observer law; candidates are uniform in its logarithm."""
+
+    effort: _range(quantity('m/V'))
+    speed: _range(Time)
+    force_noise: _range(Voltage)
+    drift: _range(Voltage)
+    mode_noise: _range(Length)
+    mode_damping: _range(Number)
+
+    _are_in_order = model_validator(mode='after')(_in_order)
+
+
+class ObserverTuning(Config):
+    """Configuration of `pkm tune --structure observer`."""
+
+    bandwidth: Annotated[Frequency, Field(gt=0, description='w of the objective D')]
+    encoder_noise: Annotated[Length, Field(gt=0, description='fixed: only ratios of the noises have an effect')]
+    limits: AllLimits
+    bounds: ObserverBounds
+    search: Search
+
+
+STRUCTURES = {'pid': 'robust', 'observer': 'observer'}  # name of the default file
+
+
 def load_tuning(name_or_path='robust'):
-    """Return the `TuningConfig` of config/tuning/NAME.yaml or of a path."""
-    return load_config(find_config('tuning', name_or_path), TuningConfig)
+    """Return the `TuningConfig` or `ObserverTuning`, by its bounds, of config/tuning/NAME.yaml or of a path."""
+    path = find_config('tuning', name_or_path)
+    bounds = read_yaml(path).get('bounds')
+    observer = isinstance(bounds, dict) and 'effort' in bounds
+    return load_config(path, ObserverTuning if observer else TuningConfig)
+
+
+def structure_of(config):
+    """Return the key of `STRUCTURES` for a configuration of `load_tuning`."""
+    return 'observer' if isinstance(config, ObserverTuning) else 'pid'

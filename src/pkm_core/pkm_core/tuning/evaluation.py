@@ -8,9 +8,10 @@ Nyquist curve.
 import numpy as np
 from numba import njit
 
-from pkm_core.control.margins import GAIN_SPREAD, is_guide_known, perturbed_models, unit_circle
+from pkm_core.control.margins import is_guide_known, perturbed_models, unit_circle
 from pkm_core.control.nyquist import FIGURES, loop_figures
 from pkm_core.control.systems import plant_system
+from pkm_core.control.uncertainty import UNIDENTIFIED
 
 _NOMINAL = len(FIGURES)
 COLUMNS = (  # figures of a candidate: of the model, then the worst over the perturbed models
@@ -66,14 +67,18 @@ class AxisFigures:
         Target CLBW [Hz]; 'band_sensitivity' is the largest |S| up to it.
     resonances_from : float
         'resonance_peak' is the largest |L| from this frequency on [Hz].
+    uncertainty : Uncertainty
+        Of the model.
 
     """
 
-    def __init__(self, model, sample_time, *, bandwidth, resonances_from):
+    def __init__(self, model, sample_time, *, bandwidth, resonances_from, uncertainty=UNIDENTIFIED):
         self._sample_time = sample_time
         self._frequency = frequency = _search_grid(model, sample_time)
         self._z = unit_circle(frequency, sample_time)
-        systems = [plant_system(each, sample_time) for each in perturbed_models(model, gains=(1.0,))]
+        self._gains = np.array(uncertainty.gains)
+        shapes = perturbed_models(model, (1.0,), uncertainty)
+        systems = [plant_system(each, sample_time) for each in shapes]
         # poles of L at z = 1: position, integral and, without viscosity, speed
         poles = [2 + (model.viscosity == 0)] * len(systems)
         if is_guide_known(model):
@@ -90,7 +95,7 @@ class AxisFigures:
         """Return the COLUMNS (n,) of a `PidLaw` with integral action."""
         figures = np.empty(len(COLUMNS))
         _evaluate(
-            self._frequency, law.response(self._z, self._sample_time), self._plants, np.array(GAIN_SPREAD),
+            self._frequency, law.response(self._z, self._sample_time), self._plants, self._gains,
             self._start_angle, self._mode_index, self._band_index, self._weight, figures,
         )  # fmt: skip
         return figures

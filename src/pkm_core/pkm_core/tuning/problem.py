@@ -56,6 +56,22 @@ class TuningProblem:
             notch=Notch(centre=x['notch_centre'], width=x['notch_width'], attenuation=x['notch_attenuation']),
         )
 
+    def rounded(self, gains, digits):
+        """Return `gains` with `digits` significant digits of every value."""
+
+        def short(value):
+            return float(f'{value:.{digits}g}')
+
+        lag, notch = gains.lag, gains.notch
+        return RobustGains(
+            kp=short(gains.kp),
+            ki=short(gains.ki),
+            kd=short(gains.kd),
+            derivative_filter=short(gains.derivative_filter),
+            lag=Lag(pole=short(lag.pole), zero=short(lag.zero), dc_gain=short(lag.dc_gain)),
+            notch=Notch(centre=short(notch.centre), width=short(notch.width), attenuation=short(notch.attenuation)),
+        )
+
     def evaluate(self, points):
         """Return the figures (m, COLUMNS) of the candidates `points` (m, 9)."""
         return np.array([self.figures(self.gains(u)) for u in points])
@@ -73,3 +89,19 @@ class TuningProblem:
     def violations(self, figures):
         """Return the relative violations (m, 9) of the limits by `figures` (m, COLUMNS); allowed up to 0."""
         return violations(figures, self.config.limits, guard=_GUARD)
+
+    def lines(self, gains):
+        """Yield the lines of an axis in a file of config/control."""
+        lag, notch = gains.lag, gains.notch
+        yield f'    kp: {gains.kp / 1e3:.6g} V/mm  # tuned'
+        yield f'    ki: {gains.ki / 1e3:.6g} V/(mm s)  # tuned'
+        yield f'    kd: {gains.kd / 1e3:.6g} V s/mm  # tuned'
+        yield f'    derivative_filter: {gains.derivative_filter * 1e6:.6g} us  # tuned'
+        yield '    lag:'
+        yield f'      pole: {lag.pole:.6g} Hz  # tuned'
+        yield f'      zero: {lag.zero:.6g} Hz  # tuned'
+        yield f'      dc_gain: {lag.dc_gain}  # chosen: the loop gain is in kp (thesis: 10 with gains per count)'
+        yield '    notch:'
+        yield f'      centre: {notch.centre:.6g} Hz  # tuned'
+        yield f'      width: {notch.width:.6g} Hz  # tuned'
+        yield f'      attenuation: {notch.attenuation:.6g} dB  # tuned'

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from pkm_core.control.filters import Lag, Notch
 from pkm_core.control.margins import stability_margins, worst_margins
-from pkm_core.control.robust import RobustGains
 from pkm_core.errors import PkmError
 
 _DIGITS = 6  # of every value in the file
@@ -26,7 +24,7 @@ def recommended(problem, branches):
     objective, violation = problem.objective(figures), problem.violations(figures).max(axis=1)
     kept = np.flatnonzero(violation <= 0)
     for index in kept[np.argsort(objective[kept], kind='stable')][:_FINALISTS]:
-        gains = _rounded(problem.gains(points[index]))
+        gains = problem.rounded(problem.gains(points[index]), _DIGITS)
         margins = stability_margins(gains, problem.model, problem.sample_time)
         worst = worst_margins(gains, problem.model, problem.sample_time)
         limits = problem.config.limits
@@ -47,41 +45,16 @@ def _keeps(margins, limits):
     )
 
 
-def _rounded(gains):
-    def short(value):
-        return float(f'{value:.{_DIGITS}g}')
+def control_yaml(machine_name, designs, problems, origin):
+    """
+    Return the text of a file of gains.
 
-    lag, notch = gains.lag, gains.notch
-    return RobustGains(
-        kp=short(gains.kp),
-        ki=short(gains.ki),
-        kd=short(gains.kd),
-        derivative_filter=short(gains.derivative_filter),
-        lag=Lag(pole=short(lag.pole), zero=short(lag.zero), dc_gain=short(lag.dc_gain)),
-        notch=Notch(centre=short(notch.centre), width=short(notch.width), attenuation=short(notch.attenuation)),
-    )
-
-
-def control_yaml(machine_name, designs, origin):
-    """Return the text of a config/control file; `designs` is {joint: result of `recommended`}, `origin` one line."""
+    `designs` is {joint: result of `recommended`}, `problems` {joint: problem of its search}, `origin` one line.
+    """
     lines = [f'# Feedback of {machine_name}: {origin}', 'joints:']
     for joint, (gains, margins, worst) in designs.items():
-        lag, notch = gains.lag, gains.notch
-        lines += [
-            f'  {joint}:  # {_in_words(margins)}; perturbed {_in_words(worst)}',
-            f'    kp: {gains.kp / 1e3:.{_DIGITS}g} V/mm  # tuned',
-            f'    ki: {gains.ki / 1e3:.{_DIGITS}g} V/(mm s)  # tuned',
-            f'    kd: {gains.kd / 1e3:.{_DIGITS}g} V s/mm  # tuned',
-            f'    derivative_filter: {gains.derivative_filter * 1e6:.{_DIGITS}g} us  # tuned',
-            '    lag:',
-            f'      pole: {lag.pole:.{_DIGITS}g} Hz  # tuned',
-            f'      zero: {lag.zero:.{_DIGITS}g} Hz  # tuned',
-            f'      dc_gain: {lag.dc_gain}  # chosen: the loop gain is in kp (thesis: 10 with gains per count)',
-            '    notch:',
-            f'      centre: {notch.centre:.{_DIGITS}g} Hz  # tuned',
-            f'      width: {notch.width:.{_DIGITS}g} Hz  # tuned',
-            f'      attenuation: {notch.attenuation:.{_DIGITS}g} dB  # tuned',
-        ]
+        lines.append(f'  {joint}:  # {_in_words(margins)}; perturbed {_in_words(worst)}')
+        lines += problems[joint].lines(gains)
     return '\n'.join(lines) + '\n'
 
 

@@ -1,4 +1,4 @@
-"""Tune the robust controllers of a machine: search, recommend, write a file of config/control."""
+"""Tune the controllers of single axes of a machine: search, recommend, write a file of config/control."""
 
 import hashlib
 import json
@@ -7,28 +7,33 @@ from pathlib import Path
 
 from pkm_core.control.margins import Margins
 from pkm_core.control.model import AxisModel, load_model
-from pkm_core.control.robust import RobustGains, load_control
+from pkm_core.control.observer import load_observer
+from pkm_core.control.pid import AxisLaw
+from pkm_core.control.robust import load_control
 from pkm_core.errors import PkmError
 from pkm_core.thesis.gains import own_column
+from pkm_core.tuning.config import structure_of
 from pkm_core.tuning.evaluation import COLUMNS
+from pkm_core.tuning.observer_problem import ObserverProblem
 from pkm_core.tuning.problem import TuningProblem
 from pkm_core.tuning.recommend import control_yaml, recommended
 from pkm_core.tuning.search import new_branches, read_branches, run_search, write_branches
 
 SEARCH_FILE = 'search.npz'
+_OF_STRUCTURE = {'pid': (TuningProblem, load_control), 'observer': (ObserverProblem, load_observer)}
 
 
 @dataclass(frozen=True)
 class TunedAxis:
     """Recommended gains of one joint."""
 
-    gains: RobustGains
+    gains: AxisLaw
     model: AxisModel
     margins: Margins
     worst: Margins  # over the perturbed models
     objective: float  # J
     candidates: int
-    column: tuple  # as thesis.gains.own_column
+    column: tuple  # as thesis.gains.own_column; empty for an observer law, which the thesis does not have
 
 
 def tune(machine, config, seed, executor, folder, *, resume=None, on_progress=lambda branches: None):
@@ -46,7 +51,9 @@ def tune(machine, config, seed, executor, folder, *, resume=None, on_progress=la
 
     """
     folder, models = Path(folder), load_model(machine)
-    problems = {joint: TuningProblem(config, model, machine.sample_time) for joint, model in models.items()}
+    structure = structure_of(config)
+    problem_of, load = _OF_STRUCTURE[structure]
+    problems = {joint: problem_of(config, model, machine.sample_time) for joint, model in models.items()}
     identity = {
         'machine': machine.name,
         'seed': seed,
@@ -71,8 +78,10 @@ def tune(machine, config, seed, executor, folder, *, resume=None, on_progress=la
         joint: recommended(problem, [branch for branch in branches if branch.joint == joint])
         for joint, problem in problems.items()
     }
-    path.write_text(control_yaml(machine.name, designs, f'pkm tune --machine {machine.name} --seed {seed}'), 'utf-8')
-    gains = load_control(machine, str(path))
+    added = '' if structure == 'pid' else f' --structure {structure}'
+    origin = f'pkm tune --machine {machine.name}{added} --seed {seed}'
+    path.write_text(control_yaml(machine.name, designs, problems, origin), 'utf-8')
+    gains = load(machine, str(path))
     return {
         joint: _summary(machine, gains[joint], designs[joint], problems[joint], branches, joint)
         for joint in machine.joints
@@ -90,7 +99,7 @@ def _summary(machine, gains, design, problem, branches, joint):
         worst,
         float(problem.objective(figures)[0]),
         sum(len(branch.points) for branch in branches if branch.joint == joint),
-        own_column(machine, gains, problem.model, margins, band),
+        own_column(machine, gains, problem.model, margins, band) if isinstance(problem, TuningProblem) else (),
     )
 
 

@@ -4,6 +4,7 @@ from typing import get_args
 
 from pkm_core.control.computed_torque import TorqueControlFile
 from pkm_core.control.model import ModelFile
+from pkm_core.control.observer import ObserverFile
 from pkm_core.control.robust import ControlFile
 from pkm_core.design.measurement import LaserConfig
 from pkm_core.design.operational_workspace import OperationalWorkspace
@@ -13,7 +14,7 @@ from pkm_core.learning.tool_law import ToolLawConfig
 from pkm_core.machines import FourDof, Planar, XyStage
 from pkm_core.motion.planning import Motion
 from pkm_core.plant.truth import Truth
-from pkm_core.tuning.config import TuningConfig
+from pkm_core.tuning.config import ObserverTuning, TuningConfig
 
 MACHINES = (FourDof, Planar, XyStage)
 FILES = {
@@ -21,10 +22,12 @@ FILES = {
     'config/model': ModelFile,
     'config/control': ControlFile,
     'config/control/computed_torque': TorqueControlFile,
+    'config/control/observer': ObserverFile,
     **{f'config/learning, law {name}': law.Parameters for name, law in KINDS.items()},
     'config/learning/tool': ToolLawConfig,
     'config/motions': Motion,
     'config/tuning': TuningConfig,
+    'config/tuning/observer.yaml': ObserverTuning,
     'config/design/chapter4.yaml': OperationalWorkspace,
     'config/design/tolerances.yaml': Tolerances,
     'config/design/laser.yaml': LaserConfig,

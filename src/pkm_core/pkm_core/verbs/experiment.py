@@ -23,16 +23,19 @@ from pkm_core.verbs.options import (
 
 
 class What(StrEnum):
-    """The experiment: a chapter of the thesis, the targets, or the constants that the learned error depends on."""
+    """The experiment: a chapter of the thesis, targets, constants of the learned error, or PID beside observer."""
 
     planar = 'planar'
     four_dof = 'four_dof'
     targets = 'targets'
     sensitivity = 'sensitivity'
+    structures = 'structures'
 
 
 def experiment(
-    what: Annotated[What, typer.Argument(help='Chapter 7, chapter 8, targets, or sensitivity to the constants.')],
+    what: Annotated[
+        What, typer.Argument(help='Chapter 7, chapter 8, targets, sensitivity to the constants, PID beside observer.')
+    ],
     seeds: Annotated[int, typer.Option(min=1, help='Number of noise seeds, counted from 1.')] = 5,
     cycles: Annotated[
         int, typer.Option(min=1, help='Evaluated cycles per run, after those in which learning converges.')
@@ -49,7 +52,8 @@ def experiment(
 
     `planar` prints Tables 7.2 to 7.5 and `four_dof` Tables 8.2 and 8.3; --out adds their figures and tables.md.
     End-point errors are measured by the laser. `targets` lists each target and whether it was met. `sensitivity` shows
-    how the learned error depends on each chosen constant of the simulated machine; --out adds its figure. Every
+    how the learned error depends on each chosen constant of the simulated machine; --out adds its figure. `structures`
+    compares PID and observer over 40 cycles, on models as shipped, on identified ones, and on random machines. Every
     arrangement gives the same bits; --processes and --cluster apply to the simulation.
 
     Example: `pkm experiment planar --out runs/planar --json planar.json`
@@ -59,17 +63,21 @@ def experiment(
     Example: `pkm experiment targets`
 
     Example: `pkm experiment sensitivity --out runs/sensitivity`
+
+    Example: `pkm experiment structures --seeds 1`
     """
     from pkm_core.experiments.report import markdown
 
     console, out = Output(), out_folder(out)
     workers = processes, cluster
-    if what in (What.targets, What.sensitivity) and arrangement is not Arrangement.simulation:
+    if what in (What.targets, What.sensitivity, What.structures) and arrangement is not Arrangement.simulation:
         raise PkmError(f'--arrangement: {arrangement} given; {what} runs in simulation only')
     if what is What.targets:
         tables, figures = _targets(console, seeds, cycles, workers)
     elif what is What.sensitivity:
         tables, figures = _sensitivity(console, seeds, cycles, workers, out)
+    elif what is What.structures:
+        tables, figures = _structures(console, seeds, workers)
     else:
         tables, figures = _study(console, what.value, arrangement, seeds, cycles, workers, out)
     for table in tables:
@@ -126,6 +134,15 @@ def _sensitivity(console, seeds, cycles, workers, out):
     if out:
         draw_sensitivity(out, found)
     return sensitivity_report(found, seeds, cycles)
+
+
+def _structures(console, seeds, workers):
+    """Run both structures on all machines and return their table and figures."""
+    from pkm_core.experiments.structures import structure_tasks, structures_report
+
+    tasks = structure_tasks(seeds)
+    results = _farm(console, list(tasks.values()), workers)
+    return structures_report(dict(zip(tasks, results, strict=True)), seeds)
 
 
 def _farm(console, tasks, workers):

@@ -25,21 +25,24 @@ def margins(
     """
     Compute gain and phase margin, peak sensitivity, disk margin and bandwidths of every axis.
 
-    Nominal model, and worst case over gain +-20 %, modes +-5 % and all signs of the zeros. With computed torque also
-    the highest natural frequency at which the limits of config/tuning are kept despite the flexible modes.
+    Nominal model, and worst case over gain +-20 %, modes +-5 % and all signs of the zeros; for an observer law over
+    gain +-10 % and modes +-3 %, the uncertainty of an identified model. With computed torque also the highest natural
+    frequency at which the limits of config/tuning are kept despite the flexible modes.
 
     Example: `pkm margins --machine planar --out runs/margins`
 
+    Example: `pkm margins --controller observer`
+
     Example: `pkm margins --controller computed_torque --json limits.json`
     """
-    from pkm_core.control.controllers import KINDS, choose_control, kind_of
+    from pkm_core.control.controllers import KINDS, SINGLE_AXIS, choose_control, kind_of
     from pkm_core.control.margins import stability_margins, worst_margins
     from pkm_core.control.model import load_model
 
     console, machine, out = Output(), load_machine(machine_name), out_folder(out)
     models, gains = load_model(machine), choose_control(machine, controller)
     kind = kind_of(gains)
-    laws = gains if kind == 'robust' else {joint: gains[joint].pid(models[joint]) for joint in machine.joints}
+    laws = gains if kind in SINGLE_AXIS else {joint: gains[joint].pid(models[joint]) for joint in machine.joints}
     found = {
         joint: {
             'nominal': stability_margins(laws[joint], models[joint], machine.sample_time),

@@ -62,7 +62,9 @@ def _laws():
 
 LAWS = f'Learning law: {_laws()}'
 
-CONTROLLERS = names_of('control', 'control/computed_torque', more=('robust', 'computed_torque'))
+CONTROLLERS = names_of(
+    'control', 'control/computed_torque', 'control/observer', more=('robust', 'observer', 'computed_torque')
+)
 
 MachineOption = Annotated[
     str,
@@ -78,7 +80,7 @@ ControllerOption = Annotated[
     str,
     typer.Option(
         autocompletion=CONTROLLERS,
-        help="Gains: robust or computed_torque (the machine's own), a file of config, or a YAML file.",
+        help="Gains: robust, observer or computed_torque (the machine's own), a file of config, or a YAML file.",
     ),
 ]
 LawOption = Annotated[str, typer.Option(autocompletion=names_of('learning'), help=f'{LAWS}; or a YAML file.')]
@@ -184,5 +186,5 @@ def robust_gains(machine, controller):
 
     gains = choose_control(machine, controller)
     if kind_of(gains) != 'robust':
-        raise PkmError(f'--controller: {controller!r} is computed torque; expected gains of robust controllers')
+        raise PkmError(f'--controller: {controller!r} is for {kind_of(gains)}; expected gains of robust controllers')
     return gains

@@ -2,10 +2,11 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
+from pkm_core.errors import PkmError
 from pkm_core.files import writable_folder, write_text
 from pkm_core.machines import load_machine
 from pkm_core.verbs.console import Output, progress_bars, table
@@ -26,7 +27,11 @@ from pkm_core.verbs.options import (
 def tune(
     out: Annotated[Path, typer.Option(help='Folder for the recommended gains, all candidates and figures.')],
     machine_name: MachineOption = 'four_dof',
-    tuning: TuningOption = 'robust',
+    structure: Annotated[
+        Literal['pid', 'observer'],
+        typer.Option(help='Law of the axes: PID with lag and notch, or Kalman filter and LQR.'),
+    ] = 'pid',
+    tuning: TuningOption = '',
     seed: SeedOption = 1,
     processes: ProcessesOption = 0,
     cluster: ClusterOption = '',
@@ -37,19 +42,28 @@ def tune(
     """
     Tune every axis of a machine by a genetic algorithm: objective (7.30), stability margins as constraints.
 
+    `--structure observer` searches the weights of the observer law; its objective is the last term of (7.30)'s, the
+    response to a step of force.
+
     Writes OUT/<machine>.yaml, which `--controller` and the nodes load; OUT/search.npz with the figures of every
     candidate, from which an interrupted search resumes; OUT/table.md in the form of Tables 7.1 and 8.1; one figure per
     axis. The same seed gives the same gains in any number of processes.
 
     Example: `pkm tune --machine four_dof --out runs/tune`
 
+    Example: `pkm tune --structure observer --machine planar --out runs/observer`
+
     Example: `pkm tune --resume runs/tune/search.npz --out runs/tune`
     """
     from pkm_core.parallel import search_executor
-    from pkm_core.tuning.config import load_tuning
+    from pkm_core.tuning.config import STRUCTURES, load_tuning, structure_of
     from pkm_core.tuning.tune import tune as run
 
-    console, machine, config = Output(), load_machine(machine_name), load_tuning(tuning)
+    console, machine, config = Output(), load_machine(machine_name), load_tuning(tuning or STRUCTURES[structure])
+    if structure_of(config) != structure:
+        raise PkmError(
+            f'--tuning: {tuning!r} is for the structure {structure_of(config)!r}; --structure {structure} given'
+        )
     if not (resume or overwrite):
         require_empty(out)
     writable_folder(out)  # found before the search
@@ -68,7 +82,7 @@ def tune(
     )
     _write_files(out, machine, found)
     console.print(_objectives(found))
-    console.plain(f'gains are in {out / machine.name}.yaml; search.npz, table.md and figures are beside it')
+    console.plain(f'gains are in {out / machine.name}.yaml; search.npz and figures are beside it')
     write_figures(
         json_file,
         {
@@ -94,7 +108,9 @@ def _write_files(out, machine, found):
     from pkm_core.control.margin_plots import model_loops, plot_margins
     from pkm_core.thesis.gains import table_markdown
 
-    write_text(out / 'table.md', table_markdown(machine.name, {joint: axis.column for joint, axis in found.items()}))
+    columns = {joint: axis.column for joint, axis in found.items() if axis.column}
+    if columns:
+        write_text(out / 'table.md', table_markdown(machine.name, columns))
     for joint, axis in found.items():
         loops = model_loops(axis.gains, axis.model, machine.sample_time)
         plot_margins(out / f'margins_{joint}.png', f'{machine.name} {joint}, tuned; thin: perturbed models', *loops)
@@ -102,4 +118,4 @@ def _write_files(out, machine, found):
 
 def _objectives(found):
     rows = [(joint, f'{axis.objective:.4f}', str(axis.candidates)) for joint, axis in found.items()]
-    return table('objective (7.30)', ['axis', 'J', 'candidates'], rows)
+    return table('objective', ['axis', 'J', 'candidates'], rows)

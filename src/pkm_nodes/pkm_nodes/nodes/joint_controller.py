@@ -1,20 +1,20 @@
 """
 Node `joint_controller`: one axis; answers every encoder tick with a command and learns after every cycle.
 
-The law is `RobustController` of pkm_core; the feedforward of the next cycle comes from the learning service. The gains
-are parameters: a change is applied between two ticks without a jump, and refused if the margins of the loop would be
-too small. In a cycle of identification an excitation is added to the voltage; an axis outside its bounds gets no
-command, and a stop is requested.
+The law is `RobustController` or `ObserverController` of pkm_core, by the parameter `control`; the feedforward of the
+next cycle comes from the learning service. The gains or weights are parameters: a change is applied between two ticks
+without a jump, and refused if the margins of the loop would be too small. In a cycle of identification an excitation is
+added to the voltage; an axis outside its bounds gets no command, and a stop is requested.
 """
 
 import numpy as np
 
-from pkm_core.control.controllers import choose_control
+from pkm_core.control.controllers import SINGLE_AXIS, axis_controller, choose_control
 from pkm_core.control.feasibility import check_drive, saturation_notice
 from pkm_core.control.forces import coupling_voltage
-from pkm_core.control.margins import require_margins
+from pkm_core.control.margins import require_margins, require_stable_set
 from pkm_core.control.model import load_model
-from pkm_core.control.robust import RobustController
+from pkm_core.control.observer_design import ObserverLaw
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.identification import IdentificationError
 from pkm_interfaces.msg import CycleEvent, EncoderSample
@@ -24,7 +24,7 @@ from pkm_nodes.parts.axis_excitation import AxisExcitation
 from pkm_nodes.parts.axis_learning import AxisLearning
 from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains, following_error_limit
 from pkm_nodes.parts.cycle_events import CycleEvents
-from pkm_nodes.parts.gain_parameters import GainParameters
+from pkm_nodes.parts.gain_parameters import GainParameters, flat
 from pkm_nodes.parts.loaded_config import LoadedConfig
 from pkm_nodes.runtime.node import PkmNode, entry_point
 
@@ -34,7 +34,7 @@ class JointControllerNode(PkmNode):
 
     def __init__(self, *, name='joint_controller', **kwargs):
         super().__init__(name, **kwargs)
-        self._machine, self._chosen, self._loaded_gains = choose_gains(self, 'robust')
+        self._machine, self._chosen, self._loaded_gains = choose_gains(self, *SINGLE_AXIS)
         machine = self._machine
         joint = self.setting('joint', machine.joints[0], f'which joint: one of {list(machine.joints)}')
         self.hardware_id += f', {joint}'
@@ -50,7 +50,7 @@ class JointControllerNode(PkmNode):
         self._limit = following_error_limit(self)
         self.check_settings()
         self._config = LoadedConfig(self, machine, self._chosen)
-        self._controller = RobustController(self._gains.gains, self._model, machine.sample_time, machine.voltage_limit)
+        self._controller = axis_controller(self._gains.gains, self._model, machine)
         self._feedforward = np.zeros(0)
         self._errors = np.zeros(0)  # [m] of the loaded cycle, one per sample
         self._excitation = AxisExcitation(self, machine, joint)
@@ -71,7 +71,10 @@ class JointControllerNode(PkmNode):
         self._encoder = self.on_tick_topic(EncoderSample, f'{joint}/encoder', self._on_sample, size=ENCODER_SAMPLE.size)
 
     def _check_gains(self, gains):
-        require_margins(self.get_fully_qualified_name(), gains, self._model, self._machine.sample_time, **self._least)
+        where, loop = self.get_fully_qualified_name(), (gains.on(self._model), self._model, self._machine.sample_time)
+        require_margins(where, *loop, **self._least)
+        if isinstance(gains, ObserverLaw):
+            require_stable_set(where, *loop)
 
     def _exchange(self, gains):
         self._controller.exchange(gains, self._model)
@@ -86,7 +89,7 @@ class JointControllerNode(PkmNode):
             loaded = self._config.now()
             self._model = load_model(self._machine)[joint]
             gains = choose_control(self._machine, self._chosen)
-            if self._gains.gains == gains[joint]:  # the model may have changed
+            if flat(self._gains.gains) == flat(gains[joint]):  # the model may have changed
                 self._check_gains(gains[joint])
                 self._exchange(gains[joint])
             else:
@@ -104,11 +107,15 @@ class JointControllerNode(PkmNode):
         self._learning.reset()
 
     def _check(self, message):
-        if message.feedforward and self._gains.gains != self._loaded_gains[self._joint]:
+        if message.feedforward and self._has_changed():
             raise PkmError(
                 f'cycle {message.cycle}: learned feedforward for the gains of the configuration, but they have been '
                 f'changed since; set the parameters of {self.get_fully_qualified_name()} back'
             )
+
+    def _has_changed(self):
+        """Return whether the gains are no longer those of the configuration."""
+        return flat(self._gains.gains) != flat(self._loaded_gains[self._joint])
 
     def _is_busy(self, message):
         return self._learning.is_under_way() or self._excitation.is_missing(message)
@@ -133,7 +140,10 @@ class JointControllerNode(PkmNode):
         notice = saturation_notice(self._joint, limited, total, self._machine.voltage_limit)
         if notice:
             self._learning.publish_notice(loaded.message.cycle, notice)
-        if learns(loaded.message):
+        if learns(loaded.message) and isinstance(self._gains.gains, ObserverLaw) and self._has_changed():
+            changed = f'{self._joint}: nothing is learned with weights that differ from those of the configuration'
+            self._learning.publish_notice(loaded.message.cycle, changed)
+        elif learns(loaded.message):
             self._learning.learn(loaded.message, loaded.errors[:, 0].copy(), self._gains.gains)
 
     # the tick

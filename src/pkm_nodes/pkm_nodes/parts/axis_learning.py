@@ -6,8 +6,10 @@ import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
+from pkm_core.control.robust import RobustGains
 from pkm_core.learning.monitor import LEARNED, Monitor
 from pkm_interfaces.msg import CycleEvent
+from pkm_interfaces.msg import RobustGains as RobustGainsMessage
 from pkm_interfaces.srv import UpdateFeedforward
 from pkm_nodes.parts.gain_parameters import gains_to_msg
 
@@ -109,8 +111,8 @@ class AxisLearning:
             cycle=message.cycle,
             iteration=self._iteration,
             sample_time=self._sample_time,
-            has_gains=True,
-            gains=gains_to_msg(gains),
+            has_gains=isinstance(gains, RobustGains),  # an observer law is that of the configuration
+            gains=gains_to_msg(gains) if isinstance(gains, RobustGains) else RobustGainsMessage(),
             error=array('d', error.tobytes()),
             feedforward=array('d', self.feedforward.tobytes()),
         )

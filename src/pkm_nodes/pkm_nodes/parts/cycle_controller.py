@@ -46,7 +46,7 @@ def following_error_limit(node):
     return node.setting('following_error_limit', 1e-3, '[m] an axis further from its reference stops the machine')
 
 
-def choose_gains(node, kind):
+def choose_gains(node, *kinds):
     """
     Declare the parameters `machine` and `control` of `node`.
 
@@ -54,8 +54,8 @@ def choose_gains(node, kind):
     ----------
     node : PkmNode
         A controller under construction.
-    kind : str
-        Kind of control that the node runs, see `kind_of`.
+    *kinds : str
+        Kinds of control that the node runs, see `kind_of`; the first one is the default.
 
     Returns
     -------
@@ -72,10 +72,13 @@ def choose_gains(node, kind):
 
     """
     machine = load_machine(node.machine_setting())
-    chosen = node.setting('control', kind, f"'{kind}' for the machine's own, a file of config, or a YAML file")
+    own = ' or '.join(f"'{kind}'" for kind in kinds)
+    chosen = node.setting('control', kinds[0], f"{own} for the machine's own, a file of config, or a YAML file")
     gains = choose_control(machine, chosen)
-    if kind_of(gains) != kind:
-        raise ConfigError(f'{node.get_name()}: control {chosen!r} is for {kind_of(gains)}; this node is for {kind}')
+    if kind_of(gains) not in kinds:
+        raise ConfigError(
+            f'{node.get_name()}: control {chosen!r} is for {kind_of(gains)}; this node is for {" or ".join(kinds)}'
+        )
     return machine, chosen, gains
 
 

@@ -1,9 +1,10 @@
-"""Gains of a robust controller as messages, and as parameters of a node that may change while it runs."""
+"""Gains of the controller of an axis as messages, and as parameters of a node that may change while it runs."""
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
 from pkm_core.config import parse_config
+from pkm_core.control.observer_design import ObserverLaw, ObserverWeights
 from pkm_core.control.robust import RobustGains
 from pkm_core.errors import PkmError
 from pkm_interfaces.msg import RobustGains as RobustGainsMessage
@@ -20,10 +21,21 @@ GAINS = {  # description by parameter
     'notch.width': '[Hz] width of the notch',
     'notch.attenuation': '[dB] attenuation at the centre of the notch',
 }
+WEIGHTS = {  # of an observer law
+    'effort': '[m/V] error that counts as much as 1 V of feedback',
+    'speed': '[s] weight of the speed of the error',
+    'force_noise': '[V] deviation of the force in one sample',
+    'drift': '[V] deviation of the step of the disturbance in one sample',
+    'encoder_noise': '[m] deviation of the reading',
+    'mode_noise': '[m] deviation of the states of the modes in one sample',
+    'mode_damping': '[1] factor of the dampings in the design',
+}
 
 
 def flat(gains):
-    """Return {name of `GAINS`: value} of `RobustGains`."""
+    """Return {name of `GAINS`: value} of `RobustGains`, {name of `WEIGHTS`: value} of an `ObserverLaw`."""
+    if isinstance(gains, ObserverLaw):
+        return dict(gains.weights)
     values = {}
     for name in GAINS:
         value = gains
@@ -33,8 +45,14 @@ def flat(gains):
     return values
 
 
-def gains_of(values, where):
-    """Return the `RobustGains` of {name of `GAINS`: value}; `ConfigError` beginning with `where` if one is invalid."""
+def gains_of(values, where, law=None):
+    """
+    Return the gains of {name: value}, as `flat` returns it; `ConfigError` beginning with `where` if one is invalid.
+
+    They are `RobustGains`; with `law`, an `ObserverLaw`, that law with other weights.
+    """
+    if isinstance(law, ObserverLaw):
+        return law.model_copy(update={'weights': parse_config(values, ObserverWeights, where=where, context=None)})
     nested = {}
     for name, value in values.items():
         group, _, inner = name.rpartition('.')
@@ -62,7 +80,7 @@ class GainParameters:
     Parameters
     ----------
     node : PkmNode
-    gains : RobustGains
+    gains : RobustGains or ObserverLaw
         Values without parameter overrides.
     check, apply : callable
         Called with the new gains before and after they are set.
@@ -72,8 +90,9 @@ class GainParameters:
     def __init__(self, node, gains, check, apply):
         self._node, self._where = node, node.get_fully_qualified_name()
         self._check, self._apply = check, apply
-        self._values = {name: node.tunable(name, value, GAINS[name]) for name, value in flat(gains).items()}
-        self.gains = gains_of(self._values, self._where)
+        self._law, described = gains, GAINS | WEIGHTS
+        self._values = {name: node.tunable(name, value, described[name]) for name, value in flat(gains).items()}
+        self.gains = self._gains_of(self._values)
         check(self.gains)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
@@ -86,11 +105,14 @@ class GainParameters:
             raise PkmError(result.reason)
 
     def _with(self, parameters):
-        return self._values | {each.name: each.value for each in parameters if each.name in GAINS}
+        return self._values | {each.name: each.value for each in parameters if each.name in self._values}
+
+    def _gains_of(self, values):
+        return gains_of(values, self._where, self._law)
 
     def _on_set(self, parameters):
         try:
-            self._check(gains_of(self._with(parameters), self._where))
+            self._check(self._gains_of(self._with(parameters)))
         except PkmError as refusal:
             return SetParametersResult(successful=False, reason=str(refusal))
         return SetParametersResult(successful=True)
@@ -98,5 +120,5 @@ class GainParameters:
     def _after_set(self, parameters):
         values = self._with(parameters)
         if values != self._values:
-            self._values, self.gains = values, gains_of(values, self._where)
+            self._values, self.gains = values, self._gains_of(values)
             self._apply(self.gains)

@@ -65,7 +65,7 @@ LAST_VALUE_QOS = QoSProfile(
 
 # descriptions of parameters that several nodes and the launch file have
 MACHINE = 'machine of config/machines, or a YAML file'
-CONTROL = "choice of the controllers: 'robust', 'computed_torque', a file of config/control, or a YAML file"
+CONTROL = "choice of the controllers: 'robust', 'observer', 'computed_torque', a file of config/control, or a YAML file"
 
 CALIBRATED = 'folder of calibrated machine files; geometry/load takes files from it only'
 PLUGINS = 'comma-separated folders whose Python files may be learning laws; none by default, never named by message'

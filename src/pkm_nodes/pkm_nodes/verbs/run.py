@@ -41,7 +41,7 @@ from pkm_core.verbs.options import (
 from pkm_nodes.graph import NAMESPACE, cell_nodes, namespace_of
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
-_LAW = 'fourier_pid'
+_LAWS = {'robust': 'fourier_pid', 'observer': 'inverse'}  # default by kind of control; none for others
 
 
 def _nodes(ctx: typer.Context, incomplete: str):
@@ -63,7 +63,8 @@ def run(
         str,
         typer.Option(
             autocompletion=names_of('learning', more=('none',)),
-            help=f'{LAWS}, none; or a YAML file. Default: {_LAW} with robust controllers, none with computed torque.',
+            help=f'{LAWS}, none; or a YAML file. Default: {_LAWS["robust"]} with robust controllers, '
+            f'{_LAWS["observer"]} with observers, none with computed torque.',
         ),
     ] = '',
     controller: ControllerOption = 'robust',
@@ -201,15 +202,15 @@ class _Goal:
         motion = motion or default_motion(machine)
         poses = plan(machine, load_motion(motion))
         joints = to_joints(machine, poses)
-        from pkm_core.control.controllers import choose_control, kind_of
+        from pkm_core.control.controllers import SINGLE_AXIS, choose_control, kind_of
         from pkm_core.learning import law_file, make_law
 
         gains = choose_control(machine, controller)
         kind = kind_of(gains)
-        law = law or (_LAW if kind == 'robust' else 'none')
+        law = law or _LAWS.get(kind, 'none')
         if law != 'none':
             law_file(law)
-            if kind != 'robust':
+            if kind not in SINGLE_AXIS:
                 raise PkmError(f'--law: {law!r} given; --controller {controller} does not learn, expected none')
         elif save_learned:
             raise PkmError('--save-learned: given with --law none, which learns nothing; expected a learning law')
