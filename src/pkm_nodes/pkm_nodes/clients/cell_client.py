@@ -70,7 +70,8 @@ class CellClient:
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
         self._begin_log()
-        subscribe_events(self._node, self._on_event)
+        ends = CycleEvent.FINISHED, CycleEvent.FAULT, CycleEvent.RECORDED, CycleEvent.NOT_RECORDED
+        subscribe_events(self._node, self._on_event, kinds=(CycleEvent.STARTED, CycleEvent.NOTICE, *ends))
 
     def __exit__(self, *_):
         with held_back():
@@ -95,10 +96,17 @@ class CellClient:
             self._started = None
         elif event.event == CycleEvent.RECORDED and event.cycle in self._of_goal:
             self._log.bags.append(Path(event.bag))
-        elif event.event == CycleEvent.NOT_RECORDED:
+        elif event.event == CycleEvent.NOT_RECORDED and event.cycle in self._of_goal:
             self._log.unrecorded.append(f'cycle {event.cycle} is not recorded: {event.message}')
         elif event.event == CycleEvent.NOTICE:
-            self._log.notices.append(f'cycle {event.cycle}: {event.message}')
+            self._notice(event)
+
+    def _notice(self, event):
+        """Take a notice of the running, the last or the next cycle of the goal: every process can send one of any."""
+        last = max(self._of_goal, default=None)
+        text = f'cycle {event.cycle}: {event.message}'
+        if (last is None or event.cycle in (*self._of_goal, last + 1)) and text not in self._log.notices:
+            self._log.notices.append(text)
 
     def _spin_until(self, condition, check, timeout, what):
         """Serve ROS until `condition()`; `PkmError` from `check()`, or with `what` after `timeout` [s]."""

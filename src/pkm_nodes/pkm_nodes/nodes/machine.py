@@ -36,7 +36,7 @@ from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
 from pkm_nodes.parts.cell_lock import CellLock
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
-from pkm_nodes.parts.intruders import Intruders
+from pkm_nodes.parts.intruders import Intruders, results_of
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
@@ -92,11 +92,12 @@ class MachineNode(PkmNode):
         self._clock_publisher = self.create_publisher(ClockMessage, '/clock', qos_profile_sensor_data)
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        subscribe_events(self, self._on_event, self._joints)
+        used = CycleEvent.STOP, CycleEvent.ANNOUNCED, CycleEvent.LOADED
+        events = subscribe_events(self, self._on_event, self._joints, kinds=used)
         self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick, size=UINT64.size)
         taken = [*self.tick_subscriptions, *(sub for motor in self._motors for sub in motor.tick_subscriptions)]
         others = [*(f'{joint}/encoder' for joint in self._joints), 'machine/cycle', 'pose_trajectory']
-        self._intruders = Intruders(self, taken, others)
+        self._intruders = Intruders(self, taken, events, others, results_of(self._joints))
         self.create_service(Trigger, 'machine/reset', self._on_reset)
         self.offer('machine/stop', self._on_stop)
         wall = Clock(clock_type=ClockType.STEADY_TIME)

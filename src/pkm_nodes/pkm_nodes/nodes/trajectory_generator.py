@@ -72,9 +72,10 @@ class TrajectoryGeneratorNode(PkmNode):
         self._joints = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
         self._excitation = self.create_publisher(Excitation, 'excitation', CYCLE_QOS)
         for joint in self._machine.joints:
-            self.create_subscription(CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
+            subscribe_one(self, CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
         self._events = CycleEvents(self, 'trajectory_generator')
-        subscribe_events(self, self._on_event, self._machine.joints)
+        used = CycleEvent.STARTED, CycleEvent.FINISHED, CycleEvent.REFUSED, CycleEvent.FAULT
+        subscribe_events(self, self._on_event, self._machine.joints, kinds=used)
         subscribe_one(self, UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
         subscribe_machine_status(self, self._on_machine_status)
         self._machine_presence = Presence(self, 'machine/cycle')
