@@ -37,6 +37,7 @@ from pkm_nodes.nodes.linear_motor import LinearMotorNode
 from pkm_nodes.parts.cell_lock import CellLock
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.intruders import Intruders, results_of
+from pkm_nodes.parts.loaded_config import declare_truth_hash
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode, entry_point
 
@@ -78,6 +79,7 @@ class MachineNode(PkmNode):
         self._resolution = machine.encoder_resolution
         self._sample_time = machine.sample_time
         self._plant = Plant(machine, seed, environment=environment)
+        declare_truth_hash(self, machine)
         self._lock = CellLock(self.get_namespace(), self.get_fully_qualified_name(), self.session)
         self._motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
         self._laser = LaserNode(machine, seed, environment)

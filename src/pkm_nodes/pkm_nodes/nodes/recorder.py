@@ -26,7 +26,7 @@ from pkm_nodes.messages.diagnostics import FAILURE, FOREIGN, OTHERS, STATE, TICK
 from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.parts.cycle_events import CycleEvents, EventGate
 from pkm_nodes.parts.graph_parameters import GraphParameters
-from pkm_nodes.parts.loaded_config import CONFIG_HASH
+from pkm_nodes.parts.loaded_config import CONFIG_HASH, TRUTH_HASH
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
@@ -130,12 +130,14 @@ class RecorderNode(PkmNode):
         geometry = self._geometry.geometry
         at_start = joined_hash(geometry.file_hash, self._control_at_start)
         loops = self._parameters_of_cell.values_of(CONFIG_HASH) or [at_start]
+        loops = [*loops, *self._parameters_of_cell.values_of(TRUTH_HASH)]
+        tool_law = next(iter(self._parameters_of_cell.values_of('tool_law')), '')
         return {
             'machine': geometry.file,
             'geometry': geometry.digest,
             'session': self.session,
             'git_revision': git_revision(),
-            'config_hash': config_hash(loops, motion, law, self._configuration),
+            'config_hash': config_hash(loops, motion, law, self._configuration, tool_law),
             'parameters': self._parameters_of_cell.as_json(),
         }
 

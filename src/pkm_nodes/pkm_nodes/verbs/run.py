@@ -18,7 +18,7 @@ from pkm_core.learning.tool import make_tool_law
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import default_motion, load_motion, plan, still_moves
 from pkm_core.motion.trajectory import to_joints
-from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
+from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash, truth_hash
 from pkm_core.reporting.figures import plot_cycles
 from pkm_core.reporting.summary import cycle_figures, cycles_table, messages
 from pkm_core.reporting.tool import tool_figures, tool_table
@@ -40,6 +40,7 @@ from pkm_core.verbs.options import (
     run_folder,
     write_figures,
 )
+from pkm_nodes.clients.own_bags import EndedEarlyError, complete_of, losses_in, read_own
 from pkm_nodes.graph import NAMESPACE, cell_nodes, namespace_of
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
@@ -98,11 +99,16 @@ def run(
         raise PkmError(f'--out: {out} has the results of another run; expected a folder without results.json')
     try:
         log, records, session, not_saved = _drive(console, machine_name, arrangement, namespace, cell, goal, out)
+    except EndedEarlyError as end:
+        if end.records:
+            _print_tables(console, goal.machine.name, end.records)
+        for line in end.losses:
+            console.plain(line)
+        raise PkmError(f'{end}\nlogs and bags of the cell are in {out}') from None
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     hashes = {record.facts.get('config_hash', '') for record in records}
-    loop = loop_hash(goal.machine, controller, machine_hash(machine_name))
-    expected = config_hash([loop], Path(goal.motion).stem, goal.law)
+    expected = _hash_of_files(goal, machine_name, cell)
     if hashes != {expected}:
         raise PkmError(
             f'{out}: the bags have the configuration {sorted(hashes)}, the files now {expected}; '
@@ -119,6 +125,16 @@ def run(
         lambda: _print_account(console, results, out),
         lambda: _refuse(not_saved),
     )
+
+
+def _hash_of_files(goal, machine_name, cell):
+    """Return the hash of the files of a run as they are now; `cell` is the options of its cell."""
+    loops = [loop_hash(goal.machine, cell['control'], machine_hash(machine_name))]
+    if 'machine' not in cell['without']:
+        loops.append(truth_hash(goal.machine))
+    learns_at_tool = cell['learning_target'] == 'tool' and 'tool_learning' not in cell['without']
+    tool_law = {'tool_law': 'laser'} if learns_at_tool else {}
+    return config_hash(loops, Path(goal.motion).stem, goal.law, **tool_law)
 
 
 def _print_tables(console, machine, records):
@@ -186,7 +202,6 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
     """Return the `CycleLog` of the cell, the `CycleRecord`s of its bags, its session, and why nothing was saved."""
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
-    from pkm_nodes.clients.own_bags import read_own
 
     with (
         progress_bar(console, goal.cycles, name='starting the cell', keep=True) as bar,
@@ -206,14 +221,27 @@ def _drive(console, machine_name, arrangement, namespace, cell_options, goal, ou
             bar.show(feedback.cycle, f'{what}: worst axis {worst:5.1f} um')
 
         learned = goal.learned.resolve() if goal.learned else ''
-        log = client.execute(goal.motion, goal.cycles, goal.law, check, on_feedback, learned=learned)
-        not_saved = ''
-        if goal.save_learned:
-            try:
-                client.save_learned(goal.save_learned.resolve(), check)
-            except PkmError as error:  # the cycles have run: their results are kept
-                not_saved = str(error)
-        return log, read_own(log.bags, cell), cell.session, not_saved
+        failure = not_saved = ''
+        try:
+            client.execute(goal.motion, goal.cycles, goal.law, check, on_feedback, learned=learned)
+        except PkmError as error:  # the recorder closes the last bag at the end of the cell
+            failure = str(error)
+        else:
+            not_saved = _save(client, goal, check)
+    if failure:
+        raise EndedEarlyError(failure, complete_of(client.log.bags, cell), losses_in(cell.bags))
+    return client.log, read_own(client.log.bags, cell), cell.session, not_saved
+
+
+def _save(client, goal, check):
+    """Save the learned feedforward; return why that failed, '' if it has not: the cycles have run and are kept."""
+    if not goal.save_learned:
+        return ''
+    try:
+        client.save_learned(goal.save_learned.resolve(), check)
+    except PkmError as error:
+        return str(error)
+    return ''
 
 
 def _results(goal, cell, arrangement, hash_of_config, log, records):
