@@ -29,7 +29,7 @@ from pkm_nodes.runtime.one_publisher import node_name
 _UP_TIMEOUT = 90.0
 # [s, wall] before missing replacements of nodes are reported
 _PATIENCE = 5.0
-# [s, wall] for the answer to a request: DDS forgets a killed process after 20 s
+# [s, wall] for the answer to a request: DDS forgets a killed process after 20 s at most
 ANSWER_TIMEOUT = 23.0
 # [s, wall] from the end of a process, or 8 s after its stop, to the end of the goal: 25 s with margin
 _AFTER_DEATH = 15.0
