@@ -37,6 +37,8 @@ from pkm_nodes.runtime.patient_subscription import PatientSubscription
 PATIENCE, IMPATIENCE = 2.0, 0.2
 # [s, wall] period of the looks at that wait
 _LOOK = 0.02
+# [s, wall] period of the looks at the publishers of the laser: the first one is known before others come
+_LOOK_FOR_LASER = 1.0
 
 
 class ToolLearningNode(PkmNode):
@@ -70,7 +72,9 @@ class ToolLearningNode(PkmNode):
         # samples wait while ticks flow: they are needed after the cycle, and the tick is not to be slowed down
         take, group = partial(self._on_samples, numbers), PatientGroup(self._look)
         self._laser = PatientSubscription(self, LaserSample, 'laser', take, TICK_QOS, group)
-        self._timer = self.create_timer(_LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LOOK_FOR_LASER, self._laser.look, clock=wall)
+        self._timer = self.create_timer(_LOOK, self._look, clock=wall)
         self._timer.cancel()
         self.offer('tool_learning/reload', self._reload)
 

@@ -3,15 +3,11 @@
 from time import monotonic
 
 import numpy as np
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 
 from pkm_nodes.runtime.one_publisher import OnePublisher
 
 # [s, wall] between two looks at the graph because of messages of an unknown sender
 _LOOK_EVERY = 0.05
-# [s, wall] between two looks while no publisher is known
-_LOOK_REGULARLY = 0.5
 
 
 class PatientSubscription:
@@ -43,7 +39,6 @@ class PatientSubscription:
         self._subscription = node.create_subscription(
             message_type, topic, self._on_messages, qos, callback_group=group, raw=True
         )
-        node.create_timer(_LOOK_REGULARLY, self._look_early, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
     def topic_name(self):
@@ -54,10 +49,6 @@ class PatientSubscription:
     def others(self):
         """Nodes whose messages are dropped, see `OnePublisher`."""
         return self._publisher.others
-
-    def _look_early(self):
-        if not self._publisher.gid:
-            self.look()
 
     def look(self):
         """Read the graph, regularly: the publisher is known before its first message."""
