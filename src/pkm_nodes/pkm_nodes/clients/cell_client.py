@@ -143,7 +143,7 @@ class CellClient:
             )
 
     def _servers(self):
-        """Return the nodes that offer execute_motion; DDS does not tell the names of nodes of another user."""
+        """Return the nodes that offer execute_motion; DDS returns no names of nodes of another user."""
         infos = self._node.get_publishers_info_by_topic('execute_motion/_action/status')
         return ['' if info.node_name.startswith('_') else node_name(info) for info in infos]
 

@@ -93,7 +93,7 @@ class AxisLearning:
         """
         Raise `PkmError`, once, if the last request got no answer in time.
 
-        The next goal begins with the previous feedforward. A goal that went on would end with figures that depend on
+        The next goal begins with the previous feedforward. A goal that continued would end with figures that depend on
         the time that learning took.
         """
         if self._silent:

@@ -19,7 +19,7 @@ class Denials:
     Parameters
     ----------
     unused : collection of int
-        Kinds that are dropped whoever sends them.
+        Kinds that are dropped from every sender.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Denials:
         return self.is_unused(kind) or (kind, sender) in self._until
 
     def is_unused(self, kind):
-        """Return whether messages of `kind` are dropped whoever sends them."""
+        """Return whether messages of `kind` are dropped from every sender."""
         return bool(self.unused[0] >> min(kind, LAST_KIND) & 1)
 
     def renew(self):
