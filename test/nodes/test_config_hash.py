@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from pkm_core.bag.reader import read_metadata
 from pkm_core.config import Configuration
 from pkm_core.machines import load_machine
-from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
+from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash, truth_hash
 from pkm_interfaces.msg import CycleEvent, PlatformPose
 from pkm_nodes.nodes.inverse_kinematics import InverseKinematicsNode
 from pkm_nodes.nodes.joint_controller import JointControllerNode
@@ -65,7 +65,7 @@ def test_bag_has_the_hash_of_the_loaded_files(graph, cell, config, goals):
         return read_metadata(graph.next_event(CycleEvent.RECORDED).bag)['custom_data']['config_hash']
 
     def hash_of_files():
-        return config_hash([loop_of_files()], 'poses', 'none')
+        return config_hash([loop_of_files(), truth_hash(load_machine(MACHINE))], 'poses', 'none')
 
     first = hash_of_files()
     assert hash_of_next_bag() == first

@@ -132,15 +132,19 @@ def test_cycle_is_loaded_after_the_reply_of_learning(graph, axis):
     assert axis.answer().feedforward == 1.0
 
 
-def test_cell_runs_without_a_learning_service(graph, axis, monkeypatch):
+def test_learning_that_does_not_answer_ends_the_goal(graph, axis, monkeypatch):
+    """Figures must not depend on the time that learning takes; the next goal goes on with the previous feedforward."""
     monkeypatch.setattr(axis_learning, 'LEARNING_TIMEOUT', 0.2)
     graph.start(JointControllerNode, joint='d3')
     axis.load(1, learning_law='fourier')
     axis.run(1)
-    axis.load(2, learning_law='fourier')
-    notice = graph.next_event(CycleEvent.NOTICE, cycle=1)
-    assert notice.message == 'd3: no answer from learning/update for 0.2 s; the previous feedforward is kept'
-    assert feedforward_of(axis.run(2)) == [0.0] * SAMPLES
+    axis.send(axis.message(2, learning_law='fourier'))
+    refused = graph.next_event(CycleEvent.REFUSED, cycle=2)
+    assert refused.message == (
+        'd3: no answer from learning/update to cycle 1 for 0.2 s: its node learning has ended, is stopped or stuck'
+    )
+    axis.load(3, learning_law='fourier')
+    assert feedforward_of(axis.run(3)) == [0.0] * SAMPLES
 
 
 def test_divergence_restores_the_best_feedforward(graph, axis, learning):

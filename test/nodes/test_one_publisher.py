@@ -1,5 +1,7 @@
 """Messages are taken from one publisher per topic; the test takes as the lock-step executor does."""
 
+from time import sleep
+
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -9,12 +11,14 @@ from std_msgs.msg import UInt32, UInt64
 from pkm_interfaces.msg import CycleEvent, SampledTrajectory
 from pkm_nodes.messages.tick_messages import UINT64
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.parts.intruders import Intruders, results_of
 from pkm_nodes.parts.machine_status import StatusGate
 from pkm_nodes.parts.speakers import Speakers
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.lockstep import LockstepExecutor
 from pkm_nodes.runtime.log_throttle import LogThrottle
-from pkm_nodes.runtime.node import LAST_VALUE_QOS, TICK_QOS, PkmNode
+from pkm_nodes.runtime.node import EVENT_QOS, LAST_VALUE_QOS, TICK_QOS, PkmNode
 from pkm_nodes.runtime.patient_subscription import PatientSubscription
 
 
@@ -122,19 +126,67 @@ def test_several_unknown_publishers_are_all_heard(ear, executor, speak):
 
 
 def test_event_is_believed_from_the_process_of_its_source(graph):
-    """Another process has another participant in its GIDs; a topic without publishers identifies no process."""
-    speakers, own = Speakers(graph.node), b'x' * 16
-    assert speakers.is_genuine('FINISHED', 'machine', own), 'no machine/cycle in the graph'
+    """Another process has another participant in its GIDs; a source that publishes nothing is not in the graph."""
+    speakers, foreign = Speakers(graph.node), b'x' * 16
+    assert not speakers.is_genuine('FINISHED', 'machine', foreign), 'a flood that began before the cell'
+    assert not speakers.is_genuine('RECORDED', 'recorder', foreign)
     graph.publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
     info = graph.node.get_publishers_info_by_topic('machine/cycle')[0]
     speakers = Speakers(graph.node)
     of_this_process = bytes(info.endpoint_gid)[:12] + b'1234'
     assert speakers.is_genuine('FINISHED', 'machine', of_this_process)
-    assert not speakers.is_genuine('FINISHED', 'machine', own)
+    assert not speakers.is_genuine('FINISHED', 'machine', foreign)
     assert not speakers.is_genuine('FINISHED', 'd1', of_this_process)
-    assert speakers.is_genuine('STOP', 'anyone', own)
-    assert [speakers.is_foreign('FINISHED', sender) for sender in (own, of_this_process, b'')] == [True, False, False]
+    assert speakers.is_genuine('STOP', 'anyone', foreign)
     assert speakers.is_genuine('FINISHED', 'machine', b''), "rclpy's public API names no sender"
+
+
+def test_machine_of_the_user_is_known_by_its_encoders(graph):
+    """It need not publish machine/cycle."""
+    graph.publisher(UInt64, 'd1/encoder')
+    gid = bytes(graph.node.get_publishers_info_by_topic('d1/encoder')[0].endpoint_gid)
+    assert Speakers(graph.node).is_genuine('FINISHED', 'machine', gid)
+    assert not Speakers(graph.node).is_genuine('FINISHED', 'machine', b'x' * 16)
+
+
+@pytest.fixture
+def rogue_events(graph, ear):
+    """Return a publisher of cycle events in another participant, connected to the ear."""
+    context = rclpy.Context()
+    context.init(domain_id=graph.node.context.get_domain_id())
+    rogue = rclpy.create_node('rogue', namespace='/pkm', context=context)
+    publisher = rogue.create_publisher(CycleEvent, 'cycle_events', EVENT_QOS)
+    graph.spin_until(lambda: publisher.get_subscription_count() == 1, 'the subscription of the test')
+    yield publisher
+    rogue.destroy_node()
+    context.shutdown()
+
+
+def test_flood_of_forged_events_is_dropped_unread(ear, executor, rogue_events):
+    """One of each kind is judged, the others are dropped in compiled code, and all are counted."""
+    heard = []
+    gate = subscribe_events(ear, heard.append, kinds=(CycleEvent.FINISHED, CycleEvent.LOADED, CycleEvent.NOTICE))
+    judged = []
+    judge = gate._is_believed
+    gate._is_believed = lambda *arguments: judged.append(arguments) or judge(*arguments)
+    executor._gather()
+    while rogue_events.get_subscription_count() < 2:
+        sleep(0.01)
+    kinds = [CycleEvent.FINISHED, CycleEvent.LOADED, CycleEvent.RESET, CycleEvent.NOTICE, CycleEvent.STOP]
+    for number in range(1000):
+        rogue_events.publish(CycleEvent(event=kinds[number % 5], source=('machine', 'd1')[number % 2], cycle=number))
+    assert rogue_events.wait_for_all_acked()
+    for _ in range(2000):
+        executor._serve(executor._all, 0)
+        gate.foreign += gate.denials.renew()
+        if gate.foreign + len(heard) >= 600:
+            break
+        sleep(0.001)
+    assert {event.event for event in heard} == {CycleEvent.NOTICE}
+    assert 50 <= len(heard) <= 150, 'every process may report something, but not any number in a second'
+    assert gate.foreign == 600 - len(heard)
+    assert len(judged) < 200
+    assert gate.others == {'/pkm/rogue'}
 
 
 def test_refusal_is_not_believed_from_a_later_publisher(graph):
@@ -167,7 +219,7 @@ def test_machine_status_is_believed_from_its_process(graph, capfd):
     gate, foreign = StatusGate(graph.node), b'x' * 16
     status = [DiagnosticStatus(name='/pkm/recorder'), DiagnosticStatus(name='/pkm/machine', message='standing')]
     data, others = (serialize_message(DiagnosticArray(status=each)) for each in (status, status[:1]))
-    assert gate.status_in(data, foreign).message == 'standing', 'no machine/cycle in the graph'
+    assert gate.status_in(data, foreign) is None, 'no machine in the graph'
     graph.publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
     own = bytes(graph.node.get_publishers_info_by_topic('machine/cycle')[0].endpoint_gid)[:12] + b'1234'
     gate = StatusGate(graph.node)
@@ -201,3 +253,24 @@ def test_log_lines_of_a_flood_are_counted(graph, capfd):
     warn('a: bad')
     lines = [line.partition('pkm.test]: ')[2] for line in capfd.readouterr().err.splitlines()]
     assert lines == ['a: bad', 'a: worse', 'b: bad', 'a: bad (and 99 more since the last line)']
+
+
+@pytest.mark.parametrize(
+    'name', ['laser', 'joint_correction', 'excitation', 'd1/cycle_metrics', 'd3/cycle_error', 'pose']
+)
+def test_second_publisher_of_results_starts_no_cycle(graph, name):
+    """Figures, bags and learned corrections come from these topics: the machine wants one publisher each."""
+    node = PkmNode('machine')
+    gate = subscribe_events(node, lambda _: None)
+    intruders = Intruders(node, [], gate, [], results_of(['d1', 'd3']))
+    graph.publisher(UInt64, name)
+    assert intruders.find() == ''
+    rogue = rclpy.create_node('rogue', namespace='/pkm')
+    rogue.create_publisher(UInt64, name, TICK_QOS)
+    graph.spin_until(lambda: graph.node.count_publishers(name) == 2, 'the rogue')
+    intruders.look()
+    assert intruders.present == f'messages of further publishers are dropped: /pkm/{name}: /pkm/rogue'
+    intruders._look_at = 0.0  # the looks at the graph are 0.5 s apart
+    assert f'/pkm/{name} has 2 publishers, /pkm/rogue, /pkm/test' in intruders.find()
+    rogue.destroy_node()
+    node.destroy_node()

@@ -13,6 +13,7 @@ from std_msgs.msg import UInt32, UInt64
 
 from pkm_core.bag.reader import read_topics
 from pkm_core.control.robust import load_control
+from pkm_core.learning import make_law
 from pkm_core.machines import load_machine
 from pkm_core.motion.planning import load_motion, plan
 from pkm_core.motion.trajectory import to_joints
@@ -137,6 +138,59 @@ class Rogue:
         self._goals.destroy()
         self._node.destroy_node()
         self._context.shutdown()
+
+
+class EarlyFlood:
+    """A process of its own that sends forged cycle events, from before the start of a cell until it is stopped."""
+
+    def __init__(self):
+        self._context = rclpy.Context()
+        self._context.init(domain_id=DOMAIN)
+        self._node = rclpy.create_node('early', namespace='/pkm', context=self._context)
+        self._events, self._ended = self._node.create_publisher(CycleEvent, 'cycle_events', EVENTS), False
+        self._thread = Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        number = 0
+        while not self._ended:
+            for source, kinds in FORGED.items():
+                for kind in kinds:
+                    forged = {'source': source, 'cycle': number % 5, 'samples': 3, 'bag': '/evil', 'message': 'forged'}
+                    self._events.publish(CycleEvent(event=kind, **forged))
+            number += 1
+            sleep(0.02)  # 500 events per second
+
+    def close(self):
+        self._ended = True
+        self._thread.join()
+        self._node.destroy_node()
+        self._context.shutdown()
+
+
+@pytest.fixture
+def flood(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    flood = EarlyFlood()
+    yield flood
+    flood.close()
+
+
+def test_flood_before_the_start_changes_no_bit_of_learning(tmp_path, flood):
+    """Such a flood once delayed the answers of learning, and was believed before the machine was known."""
+    cell = CellProcesses('four_dof', 'composed', seed=3, environment='nominal', folder=tmp_path)
+    with cell, CellClient(session=cell.session) as client:
+        client.wait_until_up(cell.check)
+        log = client.execute('four_dof_70ms', 3, 'fourier_pid', cell.check, lambda _: None)
+    machine = load_machine('four_dof')
+    gains, trajectory = load_control(machine), to_joints(machine, plan(machine, load_motion('four_dof_70ms')))
+    law = make_law('fourier_pid', machine, gains)
+    expected = run_cycles(machine, trajectory, gains, law, cycles=3, seed=3).counts
+    for record, counts in zip(read_own(log.bags, cell), expected, strict=True):
+        assert np.array_equal(record.counts, counts)
+    assert any('cycle events: /pkm/early' in notice for notice in log.notices), log.notices
+    assert not any('forged' in notice for notice in log.notices)
 
 
 @pytest.mark.parametrize('arrangement', ['composed', pytest.param('processes', marks=pytest.mark.slow)])

@@ -6,7 +6,7 @@ import pytest
 
 from pkm_core.config import Configuration
 from pkm_core.machines import load_machine
-from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash
+from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash, truth_hash
 
 MOTION = 'four_dof_70ms'
 
@@ -42,12 +42,28 @@ def test_machine_hash_follows_the_file_of_the_machine(config):
     assert machine_hash('four_dof', config) != before
 
 
-@pytest.mark.parametrize(('kind', 'name'), [('motions', MOTION), ('learning', 'fourier')])
-def test_config_hash_follows_motion_and_law(config, kind, name):
-    before = config_hash(['0a'], MOTION, 'fourier', config)
-    assert config_hash(['0a'], MOTION, 'fourier', config) == before
+@pytest.mark.parametrize(('kind', 'name'), [('motions', MOTION), ('learning', 'fourier'), ('learning/tool', 'laser')])
+def test_config_hash_follows_motion_and_laws(config, kind, name):
+    before = config_hash(['0a'], MOTION, 'fourier', config, 'laser')
+    assert config_hash(['0a'], MOTION, 'fourier', config, 'laser') == before
     edit(config.find(kind, name))
-    assert config_hash(['0a'], MOTION, 'fourier', config) != before
+    assert config_hash(['0a'], MOTION, 'fourier', config, 'laser') != before
+
+
+def test_truth_hash_follows_the_file_of_the_truth(config):
+    machine = load_machine('four_dof', config)
+    before = truth_hash(machine)
+    edit(config.find('truth', 'planar'))
+    assert truth_hash(machine) == before
+    edit(config.find('truth', 'four_dof'))
+    assert truth_hash(machine) != before
+
+
+def test_every_folder_of_the_configuration_is_in_a_hash(config):
+    """Files of design and tuning lead to machine and control files, which have a hash; no cycle reads them."""
+    hashed = {'control', 'learning', 'learning/tool', 'machines', 'model', 'motions', 'truth'}
+    folders = {path.parent.relative_to(config.folder).as_posix() for path in config.folder.rglob('*.yaml')}
+    assert folders - {'control/computed_torque'} == hashed | {'design', 'tuning'}
 
 
 def test_config_hash_counts_equal_loops_once_in_any_order():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pkm_core.servo.event_sources import topic_of, topics_of
+from pkm_core.servo.event_sources import topics_of
 
 
 @pytest.mark.parametrize(
@@ -40,15 +40,3 @@ def test_only_joints_load_cycles(source):
 
 def test_unknown_event_has_no_source():
     assert topics_of('77', 'machine') is None
-
-
-@pytest.mark.parametrize('event', ['STARTED', 'FINISHED', 'FAULT', 'RESET', 'RECORDED', 'NOT_RECORDED', 'ANNOUNCED'])
-def test_event_of_one_source_is_known_by_one_topic(event):
-    """A flood of them is dropped without reading the events."""
-    source = 'recorder' if 'RECORDED' in event else 'machine'
-    assert topics_of(event, source) == (topic_of(event),)
-
-
-@pytest.mark.parametrize('event', ['LOADED', 'REFUSED', 'STOP', 'NOTICE', '77'])
-def test_source_of_other_events_is_read(event):
-    assert topic_of(event) == ''

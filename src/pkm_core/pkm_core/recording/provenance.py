@@ -59,20 +59,27 @@ def control_hash(machine, control):
     return hash_files([find_config('model', machine.name, machine.configuration), find_control(machine, control)[1]])
 
 
-def config_hash(loops, motion, law, configuration=None):
+def truth_hash(machine):
+    """Return the hash of the file from which the simulated `machine` is made, 12 hex digits; it is not interpreted."""
+    return hash_files([machine.configuration.find('truth', machine.name)])
+
+
+def config_hash(loops, motion, law, configuration=None, tool_law=''):
     """
     Return the hash of the configuration that a cycle rests on.
 
     Parameters
     ----------
     loops : iterable of str
-        `loop_hash` of every controller; equal ones count once. They differ after a reload that only some controllers
-        have accepted.
+        `loop_hash` of every controller, `truth_hash` of a simulated machine; equal ones count once. Those of
+        controllers differ after a reload that only some have accepted.
     motion, law : str
         Names or files. Their files are hashed as they are now: the trajectory_generator reads them for every goal. A
         name without a file is left out: law 'none', poses of a goal, experiments of an identification.
     configuration : Configuration, optional
         Where names are found; the environment's by default.
+    tool_law : str, optional
+        Name or file of the law by which the reference is learned; '' without one. Hashed as it is now.
 
     Returns
     -------
@@ -81,7 +88,9 @@ def config_hash(loops, motion, law, configuration=None):
 
     """
     files = []
-    for kind, name in (('motions', motion), ('learning', law)):
+    for kind, name in (('motions', motion), ('learning', law), ('learning/tool', tool_law)):
+        if not name:
+            continue
         with suppress(ConfigError):
             files.append(find_config(kind, name, configuration))
     return joined_hash(*sorted(set(loops)), hash_files(files))

@@ -20,7 +20,7 @@ class CycleState(Enum):
     FAULTED = 'faulted'  # stopped safely; only a reset ends it
 
 
-# [s, wall] a killed node stays in the graph for 20 s; a second publisher after that is a real one
+# [s, wall] a killed node stays in the graph for 10 s, a user's own for 20 s; a publisher after that is a real one
 LEASE = 22.0
 # [s, wall] from the last look that found several publishers to the start: the other nodes, above all the recorder,
 # forget a killed one a moment before or after the machine does

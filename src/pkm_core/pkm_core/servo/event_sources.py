@@ -2,21 +2,18 @@
 
 import re
 
+# topic by which the machine is identified
+MACHINE = 'machine/cycle'
 # events of one source, and a topic of its node
 _ONLY = {
-    **dict.fromkeys(('STARTED', 'FINISHED', 'FAULT', 'RESET'), ('machine', 'machine/cycle')),
+    **dict.fromkeys(('STARTED', 'FINISHED', 'FAULT', 'RESET'), ('machine', MACHINE)),
     **dict.fromkeys(('RECORDED', 'NOT_RECORDED'), ('recorder', 'recorder/tick')),
 }
 # topics whose publishers are looked up regularly: the events of their nodes begin and end cycles
-FIRST = ('machine/cycle', 'recorder/tick', 'pose_trajectory', 'joint_trajectory')
+FIRST = (MACHINE, 'recorder/tick', 'pose_trajectory', 'joint_trajectory')
 # events by which any client may stop the machine or report something; they start and end nothing else
-_ANYONE = ('STOP', 'NOTICE')
+ANYONE = ('STOP', 'NOTICE')
 _JOINT = re.compile(r'[A-Za-z]\w{0,30}', re.ASCII)
-
-
-def topic_of(event):
-    """Return the topic that identifies the source of `event`; '' if its name decides, or every node may send it."""
-    return 'pose_trajectory' if event == 'ANNOUNCED' else _ONLY.get(event, ('', ''))[1]
 
 
 def topics_of(event, source):
@@ -37,7 +34,7 @@ def topics_of(event, source):
     if event in _ONLY:
         allowed, topic = _ONLY[event]
         return (topic,) if source == allowed else None
-    if event in _ANYONE:
+    if event in ANYONE:
         return ()
     if event == 'ANNOUNCED':
         return ('pose_trajectory',)
@@ -46,4 +43,4 @@ def topics_of(event, source):
     if event == 'LOADED':
         return None if source in ('machine', 'recorder') else (f'{source}/command',)
     # of the machine, of a controller, or of the node that publishes joint_trajectory
-    return ('machine/cycle',) if source == 'machine' else (f'{source}/command', 'joint_trajectory')
+    return (MACHINE,) if source == 'machine' else (f'{source}/command', 'joint_trajectory')

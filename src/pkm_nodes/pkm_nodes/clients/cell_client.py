@@ -24,14 +24,16 @@ from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.presence import Presence
 from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.node import TICK_QOS, PkmNode
+from pkm_nodes.runtime.one_publisher import node_name
 
 # [s, wall] ten processes on a busy two-core computer started in 20 s; the rest is margin
 _UP_TIMEOUT = 90.0
 # [s, wall] before missing replacements of nodes are reported
 _PATIENCE = 5.0
-# [s, wall] for the answer to a request, and from the end of a process to the end of the goal: DDS forgets a killed
-# process after 20 s
+# [s, wall] for the answer to a request: DDS forgets a killed process after 20 s at most
 ANSWER_TIMEOUT = 23.0
+# [s, wall] from the end of a process, or 8 s after its stop, to the end of the goal: 25 s with margin
+_AFTER_DEATH = 15.0
 # [s, wall] from the last tick to the closed bag
 _RECORDED_TIMEOUT = 10.0
 # [s, wall] from the last tick to the diagnostics of the machine, sent every second
@@ -74,7 +76,8 @@ class CellClient:
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, ExecuteMotion, 'execute_motion')
         self._begin_log()
-        subscribe_events(self._node, self._on_event)
+        ends = CycleEvent.FINISHED, CycleEvent.FAULT, CycleEvent.RECORDED, CycleEvent.NOT_RECORDED
+        subscribe_events(self._node, self._on_event, kinds=(CycleEvent.STARTED, CycleEvent.NOTICE, *ends))
         self.machine = MachineWatch(self._node)
 
     def __exit__(self, *_):
@@ -82,10 +85,6 @@ class CellClient:
             self._client.destroy()
             self._node.destroy_node()
             rclpy.try_shutdown()
-
-    def log_so_far(self):
-        """Return the `CycleLog` of the motion that runs or ran last: the cycles that are finished so far."""
-        return self._log
 
     def _begin_log(self):
         self._log, self._of_goal = CycleLog(), set()  # the log and the numbers of its cycles
@@ -104,10 +103,22 @@ class CellClient:
             self._started = None
         elif event.event == CycleEvent.RECORDED and event.cycle in self._of_goal:
             self._log.bags.append(Path(event.bag))
-        elif event.event == CycleEvent.NOT_RECORDED:
+        elif event.event == CycleEvent.NOT_RECORDED and event.cycle in self._of_goal:
             self._log.unrecorded.append(f'cycle {event.cycle} is not recorded: {event.message}')
         elif event.event == CycleEvent.NOTICE:
-            self._log.notices.append(f'cycle {event.cycle}: {event.message}')
+            self._notice(event)
+
+    @property
+    def log(self):
+        """The `CycleLog` of the last motion, also of one that has ended early."""
+        return self._log
+
+    def _notice(self, event):
+        """Take a notice of the running, the last or the next cycle of the goal: every process can send one of any."""
+        last = max(self._of_goal, default=None)
+        text = f'cycle {event.cycle}: {event.message}'
+        if (last is None or event.cycle in (*self._of_goal, last + 1)) and text not in self._log.notices:
+            self._log.notices.append(text)
 
     def _spin_until(self, condition, check, timeout, what):
         """Serve ROS until `condition()`; `PkmError` from `check()`, or with `what` after `timeout` [s]."""
@@ -127,12 +138,31 @@ class CellClient:
 
     def wait_until_up(self, check):
         """Wait for the cell's action server; `PkmError` if the namespace has a second cell."""
-        self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
+        self._spin_until(self._is_up, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
+        self._refuse_several()
         namespace = self._node.get_namespace()
         machines = self._node.get_node_names_and_namespaces().count(('machine', namespace))
         if machines > 1:
             raise PkmError(
                 f'{namespace}: {machines} machines run; expected 1. Stop the other cell, or set another namespace'
+            )
+
+    def _servers(self):
+        """Return the nodes that offer execute_motion; DDS returns no names of nodes of another user."""
+        infos = self._node.get_publishers_info_by_topic('execute_motion/_action/status')
+        return ['' if info.node_name.startswith('_') else node_name(info) for info in infos]
+
+    def _is_up(self):
+        return self._client.server_is_ready() and any(self._servers())
+
+    def _refuse_several(self):
+        """Raise `PkmError` if several nodes offer execute_motion: each would get the goal, and one would answer it."""
+        servers = self._servers()
+        if len(servers) > 1:
+            names = [name or 'one without a name, of another user of this computer' for name in sorted(servers)]
+            raise PkmError(
+                f'{self._node.get_namespace()}: {len(servers)} nodes offer execute_motion, {", ".join(names)}; '
+                f'allowed: 1. Stop the other cell, or set another ROS_DOMAIN_ID or namespace'
             )
 
     def wait_for_others(self, cell, tell):
@@ -239,8 +269,10 @@ class CellClient:
                 goal.cancel_goal_async()
                 self._spin_until(over, check, inf, '')
         except PkmError as death:
-            # a machine without the replies of an ended process makes a safe stop and reports it
-            self._spin_until(over, lambda: None, ANSWER_TIMEOUT, f'{death}\nthe goal did not end')
+            # a machine without the replies of an ended process makes a safe stop and reports it; if the cycle does not
+            # need that process, the goal ends after the cycle
+            goal.cancel_goal_async()
+            self._spin_until(over, lambda: None, _AFTER_DEATH, f'{death}\nthe goal did not end')
             raise PkmError(f'{death}\n{answer.result().result.message if answer.done() else ""}'.rstrip()) from None
         if not answer.done():
             raise PkmError(f'{action}: its server {server.names()} was killed, or is stopped; the goal is lost')

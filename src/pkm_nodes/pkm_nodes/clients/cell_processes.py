@@ -18,6 +18,8 @@ from pkm_nodes.runtime.session import new_session
 
 # [s, wall] from SIGINT to SIGKILL
 _PATIENCE = 10.0
+# [s, wall] for which a process may be stopped, and between two looks at that
+_STOPPED, _LOOK_EVERY = 8.0, 0.5
 
 
 def _end_with(parent):
@@ -119,6 +121,7 @@ class CellProcesses:
         specs = [composed_cell(machine, **options, without=without)] if arrangement == 'composed' else self.nodes
         self._specs = {spec.name: spec for spec in specs}
         self.processes = {}
+        self._stopped, self._look_at = {}, 0.0  # since when [s, wall] by name, and the time of the next look
 
     def __enter__(self):
         remove_leftovers()
@@ -176,10 +179,34 @@ class CellProcesses:
                 process.wait()
 
     def check(self):
-        """Raise `PkmError` if a process has ended, with the last lines of its output."""
+        """Raise `PkmError` if a process has ended, with the last lines of its output, or is stopped for long."""
+        self._refuse_stopped()
         for name, process in self.processes.items():
             code = process.poll()
             if code is not None:
                 log = self._logs / f'{name}.log'
                 tail = '\n'.join(log.read_text(errors='replace').splitlines()[-5:])
                 raise PkmError(f'{name} has ended with code {code}; {log} ends:\n{tail}')
+
+    def _refuse_stopped(self):
+        """Raise `PkmError` if a process has been stopped (SIGSTOP) for `_STOPPED`; looks every `_LOOK_EVERY`."""
+        now = monotonic()
+        if now < self._look_at:
+            return
+        self._look_at = now + _LOOK_EVERY
+        stopped = [name for name, process in self.processes.items() if _state_of(process.pid) in 'Tt']
+        self._stopped = {name: self._stopped.get(name, now) for name in stopped}
+        for name, since in self._stopped.items():
+            if now - since >= _STOPPED:
+                raise PkmError(
+                    f'{name} (process {self.processes[name].pid}) is stopped, by SIGSTOP or a debugger, for '
+                    f'{now - since:.0f} s; continue it (SIGCONT) and run again'
+                )
+
+
+def _state_of(pid):
+    """Return the letter of the state of a process in /proc, 'T' for stopped; '-' if that is unknown."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(') ')[2][:1] or '-'
+    except OSError:
+        return '-'

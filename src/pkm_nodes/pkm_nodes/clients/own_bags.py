@@ -1,9 +1,11 @@
 """Bags of one start of a cell: a result is made only from bags of the session, seed and environment that it names."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.reader import read_metadata
 from pkm_core.errors import BagError
 
 
@@ -26,6 +28,40 @@ def read_own(bags, cell):
 
     """
     return [_checked(read_cycle(path), cell) for path in bags]
+
+
+def complete_of(bags, cell):
+    """Return the `CycleRecord`s of those of `bags` that are whole, of a goal that has ended early; else `read_own`."""
+    records = []
+    for path in bags:
+        with suppress(BagError):
+            record = read_cycle(path)
+            if record.is_whole:
+                records.append(_checked(record, cell))
+    return records
+
+
+def losses_in(folder):
+    """Return one line for each closed bag in `folder` that lacks messages: its end, topics, and lost ticks."""
+    lines = []
+    for path in sorted(Path(folder).iterdir()):
+        try:
+            facts = read_metadata(path)['custom_data']
+            lost, ticks = (json.loads(facts.get(name) or '{}') for name in ('lost', 'lost_ticks'))
+        except (BagError, ValueError, KeyError, TypeError) as error:
+            lines.append(f'{path.name}: cannot be read: {error}; pkm bag-doctor repairs bags')
+            continue
+        if lost:
+            lines.append(f'{path.name}: {facts.get("end", "")}; {_lost(lost, ticks)}')
+    return lines
+
+
+def _lost(lost, ticks):
+    runs = {}  # topics by lost ticks
+    for topic, of_topic in ticks.items():
+        runs.setdefault(', '.join(f'{first} to {last}' for first, last in of_topic), []).append(topic)
+    named = [f'ticks {text} of {", ".join(topics)}' for text, topics in runs.items() if text]
+    return '; '.join([f'{sum(lost.values())} messages of {len(lost)} topics are lost', *named])
 
 
 def _checked(record, cell):

@@ -36,6 +36,7 @@ from pkm_nodes.messages.diagnostics import FAULT, STATE, TICK, node_of, values_o
 from pkm_nodes.page.cell import Cell, NodeLine, Notice, Status, home_pose
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.machine_status import subscribe_machine_status
+from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.node import CYCLE_QOS, REFUSALS, PkmNode, RCLError, begin
 
@@ -72,9 +73,9 @@ class DashboardNode(PkmNode):
         subscribe_events(self, self._on_event)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         subscribe_machine_status(self, self._on_machine)
-        self.create_subscription(PoseStamped, 'pose', self._on_pose, _LATEST_QOS)
-        self.create_subscription(JointState, 'joint_states', self._on_joints, _LATEST_QOS)
-        self.create_subscription(SampledTrajectory, 'pose_trajectory', self._on_trajectory, CYCLE_QOS)
+        subscribe_one(self, PoseStamped, 'pose', self._on_pose, _LATEST_QOS)
+        subscribe_one(self, JointState, 'joint_states', self._on_joints, _LATEST_QOS)
+        subscribe_one(self, SampledTrajectory, 'pose_trajectory', self._on_trajectory, CYCLE_QOS)
         self.create_timer(1.0, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def fulfil(self, wish):
@@ -211,7 +212,7 @@ class DashboardNode(PkmNode):
             self.destroy_subscription(self._of_machine.pop())
         for joint in machine.joints:
             topic = f'{joint}/cycle_metrics'
-            self._of_machine.append(self.create_subscription(CycleMetrics, topic, self.cell.measure, CYCLE_QOS))
+            self._of_machine.append(subscribe_one(self, CycleMetrics, topic, self.cell.measure, CYCLE_QOS))
 
     def _node_lines(self, present):
         """Return one line for every node that is present or expected."""

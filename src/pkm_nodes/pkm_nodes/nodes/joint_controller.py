@@ -121,6 +121,7 @@ class JointControllerNode(PkmNode):
         return self._learning.is_under_way() or self._excitation.is_missing(message)
 
     def _load(self, loaded):
+        self._learning.refuse_silence()
         check_drive(self._machine, self._model, loaded.trajectory, self._column)
         axis = [np.ascontiguousarray(values[:, self._column]) for values in loaded.trajectory.derivatives()]
         self._excited = self._excitation.begin(loaded.message, self._model, self._gains.gains, *axis[:3])

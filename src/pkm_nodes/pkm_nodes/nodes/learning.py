@@ -64,7 +64,7 @@ class LearningNode(PkmNode):
         self._caught_up = None  # Future: every joint has sent its request for that cycle, or PATIENCE is over
         self._patience = self.create_timer(PATIENCE, self._end_wait, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._patience.cancel()
-        subscribe_events(self, self._on_event)
+        subscribe_events(self, self._on_event, kinds=(CycleEvent.FINISHED,))
         subscribe_joint_trajectory(self, self._on_trajectory)
         self.create_service(UpdateFeedforward, 'learning/update', self._on_update)
         alone = MutuallyExclusiveCallbackGroup()  # in the common group it would block the requests it waits for

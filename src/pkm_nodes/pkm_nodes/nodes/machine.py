@@ -34,7 +34,8 @@ from pkm_nodes.nodes.laser import LaserNode
 from pkm_nodes.nodes.linear_motor import LinearMotorNode
 from pkm_nodes.parts.cell_lock import CellLock
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
-from pkm_nodes.parts.intruders import Intruders
+from pkm_nodes.parts.intruders import Intruders, results_of
+from pkm_nodes.parts.loaded_config import declare_truth_hash
 from pkm_nodes.parts.machine_time import MachineTime
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.parts.pace_control import PaceControl
@@ -82,6 +83,7 @@ class MachineNode(PkmNode):
         self._resolution = machine.encoder_resolution
         self._plant = Plant(machine, seed, environment=environment)
         self.hardware_id = str(Specimen.simulated(machine.name, seed, environment))
+        declare_truth_hash(self, machine)
         self._lock = CellLock(self.get_namespace(), self.get_fully_qualified_name(), self.session)
         self._motors = [LinearMotorNode(joint, i, self._on_command) for i, joint in enumerate(self._joints)]
         self._laser = LaserNode(machine, seed, environment)
@@ -97,11 +99,12 @@ class MachineNode(PkmNode):
         self._events = CycleEvents(self, 'machine')
         self._cycle_publisher = self.create_publisher(UInt32, 'machine/cycle', LAST_VALUE_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
-        subscribe_events(self, self._on_event, self._joints)
+        used = CycleEvent.STOP, CycleEvent.ANNOUNCED, CycleEvent.LOADED
+        events = subscribe_events(self, self._on_event, self._joints, kinds=used)
         self.on_tick_topic(UInt64, 'recorder/tick', self._on_recorder_tick, size=UINT64.size)
         taken = [*self.tick_subscriptions, *(sub for motor in self._motors for sub in motor.tick_subscriptions)]
         others = [*(f'{joint}/encoder' for joint in self._joints), 'machine/cycle', 'pose_trajectory']
-        self._intruders = Intruders(self, taken, others)
+        self._intruders = Intruders(self, taken, events, others, results_of(self._joints))
         self.create_service(Trigger, 'machine/reset', self._on_reset)
         self.offer('machine/stop', self._on_stop)
         self._timing.serve(self._run, self._barrier, self._perform)

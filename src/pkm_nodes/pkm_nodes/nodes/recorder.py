@@ -22,11 +22,11 @@ from pkm_core.recording.recording import Recording
 from pkm_core.recording.topics import By, recorded_topics
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.messages.conversions import time_of_tick
-from pkm_nodes.messages.diagnostics import FAILURE, FOREIGN, STATE, TICK, diagnostics
+from pkm_nodes.messages.diagnostics import FAILURE, FOREIGN, OTHERS, STATE, TICK, diagnostics
 from pkm_nodes.messages.interfaces import find_interface
 from pkm_nodes.parts.cycle_events import CycleEvents, EventGate
 from pkm_nodes.parts.graph_parameters import GraphParameters
-from pkm_nodes.parts.loaded_config import CONFIG_HASH
+from pkm_nodes.parts.loaded_config import CONFIG_HASH, TRUTH_HASH
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
@@ -101,21 +101,18 @@ class RecorderNode(PkmNode):
             return
         # one group for all: events served after the ticks of many cycles would end the wrong cycle
         qos = TICK_QOS if topic.by in _WITH_TICKS else EVENT_QOS if topic.by is By.EVENT else CYCLE_QOS
-        if topic.by in (By.TICK, By.TRAJECTORY):  # the machine starts only with one publisher of each
+        if topic.by not in (By.EVENT, By.ARRIVAL):  # the machine starts only with one publisher of each
             besides = 'pose_trajectory' if topic.name == 'joint_trajectory' else None
             self._guarded.append(PatientSubscription(self, message_type, name, take, qos, self._queue, besides=besides))
         else:
-            take = (
-                self._take_events(take, EventGate(self, name, self._joints))
-                if topic.by is By.EVENT
-                else _ignoring_senders(take)
-            )
+            take = self._take_events(take, name) if topic.by is By.EVENT else _ignoring_senders(take)
             self.create_subscription(message_type, name, take, qos, callback_group=self._queue, raw=True)
         if topic.by is By.TICK:
             self._tick_subscriptions.append(self._guarded[-1])
 
-    def _take_events(self, take, gate):
+    def _take_events(self, take, topic):
         """Return a function that passes events which may be believed to `take`."""
+        gate = self._gate = EventGate(self, topic, self._joints)
 
         def take_genuine(messages, senders=None):
             rows = [messages] if isinstance(messages, bytes) else [row.tobytes() for row in messages]
@@ -124,6 +121,7 @@ class RecorderNode(PkmNode):
                 if gate.event_in(row, gid) is not None:
                     take(row)
 
+        take_genuine.denials = gate.denials
         return take_genuine
 
     def _facts(self, motion, law):
@@ -132,12 +130,14 @@ class RecorderNode(PkmNode):
         geometry = self._geometry.geometry
         at_start = joined_hash(geometry.file_hash, self._control_at_start)
         loops = self._parameters_of_cell.values_of(CONFIG_HASH) or [at_start]
+        loops = [*loops, *self._parameters_of_cell.values_of(TRUTH_HASH)]
+        tool_law = next(iter(self._parameters_of_cell.values_of('tool_law')), '')
         return {
             'machine': geometry.file,
             'geometry': geometry.digest,
             'session': self.session,
             'git_revision': git_revision(),
-            'config_hash': config_hash(loops, motion, law, self._configuration),
+            'config_hash': config_hash(loops, motion, law, self._configuration, tool_law),
             'parameters': self._parameters_of_cell.as_json(),
         }
 
@@ -211,12 +211,13 @@ class RecorderNode(PkmNode):
         except OSError as error:
             free = error.strerror
         counts = {'bags': self._closed, 'lost messages': self._lost, TICK: recording.progress, 'free [MB]': free}
-        foreign = sum(each.foreign for each in self._guarded)
+        foreign = sum(each.foreign for each in self._guarded) + self._gate.foreign
+        others = '; '.join(f'{each.topic_name}: {", ".join(each.others)}' for each in self._guarded if each.others)
         message = diagnostics(
             self,
             DiagnosticStatus.ERROR if self._failure else DiagnosticStatus.WARN if foreign else DiagnosticStatus.OK,
             f'not recorded: {self._failure}' if self._failure else state,
-            {STATE: state, FAILURE: self._failure, **counts, FOREIGN: foreign},
+            {STATE: state, FAILURE: self._failure, **counts, FOREIGN: foreign, OTHERS: others},
             time_of_tick(max(0, recording.progress), self._sample_time),
         )
         self._diagnostics.publish(message)

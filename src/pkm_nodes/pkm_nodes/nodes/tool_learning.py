@@ -28,13 +28,17 @@ from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import learns, trajectory_from_msg, trajectory_to_msg
 from pkm_nodes.parts.cycle_events import CycleEvents, subscribe_events
 from pkm_nodes.parts.node_geometry import NodeGeometry
+from pkm_nodes.parts.one_source import subscribe_joint_trajectory, subscribe_one
 from pkm_nodes.runtime.groups import PatientGroup
 from pkm_nodes.runtime.node import CYCLE_QOS, TICK_QOS, PkmNode, entry_point
+from pkm_nodes.runtime.patient_subscription import PatientSubscription
 
 # [s, wall] wait for the measurements of a cycle after its successor was planned, and once they have been missing
 PATIENCE, IMPATIENCE = 2.0, 0.2
 # [s, wall] period of the looks at that wait
 _LOOK = 0.02
+# [s, wall] period of the looks at the publishers of the laser: the first one is known before others come
+_LOOK_FOR_LASER = 1.0
 
 
 class ToolLearningNode(PkmNode):
@@ -58,22 +62,19 @@ class ToolLearningNode(PkmNode):
         self._until = 0.0
         self._events = CycleEvents(self, 'tool_learning')
         self._publisher = self.create_publisher(SampledTrajectoryMessage, 'joint_correction', CYCLE_QOS)
-        subscribe_events(self, self._on_event)
-        self.create_subscription(SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
-        self.create_subscription(SampledTrajectoryMessage, 'joint_trajectory', self._on_joints, CYCLE_QOS)
+        used = CycleEvent.FINISHED, CycleEvent.FAULT, CycleEvent.REFUSED
+        subscribe_events(self, self._on_event, kinds=used)
+        subscribe_one(self, SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
+        subscribe_joint_trajectory(self, self._on_joints)
         for joint in machine.joints:
-            self.create_subscription(CycleError, f'{joint}/cycle_error', self._on_error, CYCLE_QOS)
+            subscribe_one(self, CycleError, f'{joint}/cycle_error', self._on_error, CYCLE_QOS)
         numbers = Struct(f'<4xdI4x{len(machine.coordinates)}d')  # header, time, length, padding, displacement
         # samples wait while ticks flow: they are needed after the cycle, and the tick is not to be slowed down
-        self._laser = self.create_subscription(
-            LaserSample,
-            'laser',
-            partial(self._on_samples, numbers),
-            TICK_QOS,
-            callback_group=PatientGroup(self._look),
-            raw=True,
-        )
-        self._timer = self.create_timer(_LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        take, group = partial(self._on_samples, numbers), PatientGroup(self._look)
+        self._laser = PatientSubscription(self, LaserSample, 'laser', take, TICK_QOS, group)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LOOK_FOR_LASER, self._laser.look, clock=wall)
+        self._timer = self.create_timer(_LOOK, self._look, clock=wall)
         self._timer.cancel()
         self.offer('tool_learning/reload', self._reload)
 
@@ -88,7 +89,7 @@ class ToolLearningNode(PkmNode):
 
     # measurements
 
-    def _on_samples(self, numbers, data, senders=None):
+    def _on_samples(self, numbers, data):
         """Take one serialized sample, or several; those of another size are not samples of this machine."""
         for row in rows(data):
             if len(row) == numbers.size:

@@ -5,6 +5,7 @@ import numpy as np
 from pkm_core.identification.excited_axis import ExcitedAxis
 from pkm_interfaces.msg import Excitation
 from pkm_nodes.messages.conversions import is_identification
+from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.runtime.node import CYCLE_QOS
 
 
@@ -23,7 +24,7 @@ class AxisExcitation:
     def __init__(self, node, machine, joint):
         self._machine, self._joint = machine, joint
         self._message = Excitation()  # the last one; cycles count from 1
-        node.create_subscription(Excitation, 'excitation', self._on_excitation, CYCLE_QOS)
+        subscribe_one(node, Excitation, 'excitation', self._on_excitation, CYCLE_QOS)
 
     def _on_excitation(self, message):
         if message.joint == self._joint:

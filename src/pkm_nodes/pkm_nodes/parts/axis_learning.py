@@ -7,14 +7,15 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from pkm_core.control.robust import RobustGains
+from pkm_core.errors import PkmError
 from pkm_core.learning.monitor import LEARNED, Monitor
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import RobustGains as RobustGainsMessage
 from pkm_interfaces.srv import UpdateFeedforward
 from pkm_nodes.parts.gain_parameters import gains_to_msg
 
-# [s, wall] wait for the learning service; after it the previous feedforward is kept
-LEARNING_TIMEOUT = 5.0
+# [s, wall] wait for the learning service, less than that of the machine; after it the next cycle is refused
+LEARNING_TIMEOUT = 9.0
 
 
 class AxisLearning:
@@ -51,7 +52,7 @@ class AxisLearning:
         self._cycle = 0  # the last one that was learned from
         self._call = None  # Future of the running request
         self._asked_by = None  # monitor at the time of that request
-        self._until = 0
+        self._until, self._silent = 0, False  # deadline of that request, and whether it has passed without an answer
         self._learned_for = None  # (motion, law, reference) the feedforward belongs to
         self._is_one_off = False  # whether the loaded cycle does not repeat
         self._starts = True  # whether the next cycle starts after power-up or a safe stop
@@ -85,11 +86,24 @@ class AxisLearning:
         self._starts = False
 
     def is_under_way(self):
-        """Return whether an answer is due; after `LEARNING_TIMEOUT` the previous feedforward is kept."""
+        """Return whether an answer is due, for at most `LEARNING_TIMEOUT`."""
         if self._call is not None and self._wall.now().nanoseconds > self._until:
-            self._call = None
-            self._keep(f'no answer from {self._service.srv_name} for {LEARNING_TIMEOUT} s')
+            self._call, self._silent = None, True
         return self._call is not None
+
+    def refuse_silence(self):
+        """
+        Raise `PkmError`, once, if the last request got no answer in time.
+
+        The next goal begins with the previous feedforward. A goal that continued would end with figures that depend on
+        the time that learning took.
+        """
+        if self._silent:
+            self._silent = False
+            raise PkmError(
+                f'{self._joint}: no answer from {self._service.srv_name} to cycle {self._cycle} for '
+                f'{LEARNING_TIMEOUT:g} s: its node learning has ended, is stopped or stuck'
+            )
 
     def learn(self, message, error, gains):
         """Pass `error` (N,) [m] of the cycle of a joint_trajectory to the monitor and request the next feedforward."""

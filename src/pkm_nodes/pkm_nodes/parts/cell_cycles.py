@@ -44,7 +44,8 @@ class CellCycles:
         self._stop = ''  # reason to brake the next cycle at once
         self._waiting = Waiting(node)
         self._events = CycleEvents(node, node.get_name())
-        subscribe_events(node, self._on_event)
+        used = CycleEvent.STARTED, CycleEvent.FINISHED, CycleEvent.FAULT, CycleEvent.RECORDED
+        subscribe_events(node, self._on_event, kinds=used)
         self._motion = ActionClient(node, ExecuteMotion, 'execute_motion')
 
     def until(self, condition, timeout=inf):

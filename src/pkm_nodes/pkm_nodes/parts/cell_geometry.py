@@ -15,6 +15,7 @@ from pkm_core.errors import ConfigError, PkmError
 from pkm_core.yaml_text import YamlError, read_text
 from pkm_interfaces.msg import Geometry as GeometryMessage
 from pkm_interfaces.srv import LoadGeometry, SetGeometry
+from pkm_nodes.parts.one_source import subscribe_own
 from pkm_nodes.parts.waiting import Waiting
 from pkm_nodes.runtime.session import belongs, require_session
 
@@ -53,7 +54,7 @@ class CellGeometry:
         self._used = {}  # hash by node
         self._waiting = Waiting(node)
         self._clients = {}  # by node
-        node.create_subscription(GeometryMessage, 'geometry', self._on_geometry, _ALL_NODES_QOS)
+        subscribe_own(node, GeometryMessage, 'geometry', self._on_geometry, _ALL_NODES_QOS, self._full_name)
         alone = MutuallyExclusiveCallbackGroup()  # in the common group it would block the answers it waits for
         node.create_service(LoadGeometry, 'geometry/load', self._on_load, callback_group=alone)
 
@@ -66,6 +67,9 @@ class CellGeometry:
             if self._used.get(name) != digest:
                 self._used[name] = await self._set(name, self._own.geometry)
                 self._on_exchange(f'{name}: was given the geometry of the cell, hash {digest}')
+
+    def _full_name(self, message):
+        return f'{self._node.get_namespace().rstrip("/")}/{message.node}'
 
     def _on_geometry(self, message):
         if belongs(message.session, self._node.session):

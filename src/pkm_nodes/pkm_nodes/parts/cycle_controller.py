@@ -161,7 +161,9 @@ class CycleController:
         self._commands, self.senders = zip(*publishers, strict=True)
         self._metrics = [node.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in events]
         self._error = [node.create_publisher(CycleError, f'{joint}/cycle_error', CYCLE_QOS) for joint in events]
-        subscribe_events(node, self._on_event)  # first: a reset must be served before the trajectory that follows it
+        used = CycleEvent.ANNOUNCED, CycleEvent.STOP, CycleEvent.RESET
+        # first: a reset must be served before the trajectory that follows it
+        subscribe_events(node, self._on_event, kinds=used)
         subscribe_joint_trajectory(node, self._on_trajectory)
         self._standing = follow_standing(node, machine)
         wall = Clock(clock_type=ClockType.STEADY_TIME)

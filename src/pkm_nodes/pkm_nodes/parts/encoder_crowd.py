@@ -10,7 +10,7 @@ class EncoderCrowd:
     """
     Whether every encoder that `node` subscribes to has one publisher.
 
-    A killed machine stays in the graph for up to 20 s: a cycle waits for that time before it is refused.
+    A killed machine stays in the graph, for up to 20 s if it is not of the project: a cycle waits for that time.
     """
 
     def __init__(self, node):

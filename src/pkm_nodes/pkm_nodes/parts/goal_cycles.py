@@ -54,9 +54,10 @@ class GoalCycles:
             'excitation': node.create_publisher(Excitation, 'excitation', CYCLE_QOS),
         }
         for joint in machine.joints:
-            node.create_subscription(CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
+            subscribe_one(node, CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
         self._events = CycleEvents(node, node.get_name())
-        subscribe_events(node, self._on_event, machine.joints)
+        used = CycleEvent.STARTED, CycleEvent.FINISHED, CycleEvent.REFUSED, CycleEvent.FAULT, CycleEvent.RESET
+        subscribe_events(node, self._on_event, machine.joints, kinds=used)
         subscribe_one(node, UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
         subscribe_machine_status(node, self._on_machine_status)
         self.standing = follow_standing(node, machine)

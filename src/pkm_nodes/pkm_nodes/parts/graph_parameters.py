@@ -1,12 +1,15 @@
 """Parameters of every node in the namespace of a cell: requested once per process life, then followed by events."""
 
 import json
+from operator import attrgetter
 from time import monotonic
 
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
+
+from pkm_nodes.parts.one_source import subscribe_own
 
 _EVENTS = '/parameter_events'
 # [s, wall] time for a node to answer before `is_complete` ignores it; a later answer still counts
@@ -20,7 +23,8 @@ class GraphParameters:
         self._node = node
         self._asked = {}  # _Question by the id of the node's publisher of _EVENTS, which changes with a restart
         # a discovery server announces the publishers of a topic only to its subscribers
-        node.create_subscription(ParameterEvent, _EVENTS, self._on_change, qos_profile_parameter_events)
+        qos, named = qos_profile_parameter_events, attrgetter('node')
+        subscribe_own(node, ParameterEvent, _EVENTS, self._on_change, qos, named)
 
     def look_around(self):
         """Ask new nodes, and drop those that have left the graph."""

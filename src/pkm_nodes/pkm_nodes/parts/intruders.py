@@ -7,6 +7,8 @@ from pkm_nodes.runtime.one_publisher import OnePublisher
 # [s, wall] other nodes remove a publisher from their graph at slightly different times
 SETTLE = 1.0
 LEARNING = 'learning/update'
+# [s, wall] between two looks at the publishers of results
+_LOOK_EVERY = 0.5
 
 
 class Intruders:
@@ -18,8 +20,12 @@ class Intruders:
     node : PkmNode
     taken : sequence of TickSubscription
         Their messages are taken from one publisher, which `find` binds.
+    events : EventGate
+        Of the node.
     topics : sequence of str
         Further topics of one publisher.
+    results : sequence of str
+        Topics of one publisher of which the machine needs nothing; looked up less often.
 
     Attributes
     ----------
@@ -28,9 +34,11 @@ class Intruders:
 
     """
 
-    def __init__(self, node, taken, topics):
-        self._node, self._taken = node, taken
+    def __init__(self, node, taken, events, topics, results):
+        self._node, self._taken, self._events = node, taken, events
         self._others = [OnePublisher(node, topic) for topic in topics]
+        self._results = [OnePublisher(node, topic) for topic in results]
+        self._crowded_results, self._look_at = [], 0.0
         self._others.append(OnePublisher(node, 'joint_trajectory', besides='pose_trajectory'))
         self.present = ''
         self._settled_at = 0.0
@@ -40,7 +48,7 @@ class Intruders:
     @property
     def foreign(self):
         """Number of messages that were dropped because of their sender."""
-        return sum(each.foreign for each in self._taken)
+        return sum(each.foreign for each in (*self._taken, self._events))
 
     def find(self):
         """Bind the publishers that are alone; return what has several, with their nodes, '' if nothing has."""
@@ -48,6 +56,10 @@ class Intruders:
         found += [each.describe() for each in self._others if not each.look()]
         found += filter(None, [several_servers(self._node, LEARNING)])
         now = monotonic()
+        if now >= self._look_at:
+            self._look_at = now + _LOOK_EVERY
+            self._crowded_results = [each.describe() for each in self._results if not each.look()]
+        found += self._crowded_results
         if found:
             self._settled_at = now + SETTLE
         self._foreign_before = self.foreign
@@ -58,11 +70,13 @@ class Intruders:
 
     def look(self):
         """Read the graph during a cycle: `present` names the publishers whose messages are dropped."""
-        publishers = [*(each.publisher for each in self._taken), *self._others]
+        publishers = [*(each.publisher for each in self._taken), *self._others, *self._results]
         for each in publishers:
             each.look()
         crowded = [each for each in publishers if each.others]
         found = [f'{each.topic}: {", ".join(each.others)}' for each in crowded]
+        found += [f'cycle events: {", ".join(sorted(self._events.others))}'] if self._events.others else []
+        self._events.others.clear()
         self.present = f'messages of further publishers are dropped: {"; ".join(found)}' if found else ''
 
     def news(self, cycle):
@@ -74,6 +88,12 @@ class Intruders:
             return ''
         self._reported = cycle, self.present
         return self.present
+
+
+def results_of(joints):
+    """Return the topics of a cell with `joints` that are read, or recorded, from one publisher each after the tick."""
+    per_joint = [f'{joint}/{name}' for joint in joints for name in ('cycle_metrics', 'cycle_error')]
+    return [*per_joint, 'laser', 'joint_correction', 'excitation', 'pose', 'twist', 'joint_states', 'markers']
 
 
 def several_servers(node, service):

@@ -1,14 +1,21 @@
-"""The parameter `config_hash`: which configuration files a controller has loaded."""
+"""The parameters `config_hash`, `truth_hash`: which files a controller, and the simulated machine, have loaded."""
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
 from pkm_core.machines.geometry import load_geometry
-from pkm_core.recording.provenance import control_hash, joined_hash
+from pkm_core.recording.provenance import control_hash, joined_hash, truth_hash
 from pkm_nodes.parts.node_geometry import NodeGeometry
 
-CONFIG_HASH = 'config_hash'
+CONFIG_HASH, TRUTH_HASH = 'config_hash', 'truth_hash'
 _DESCRIPTION = 'hash of the files of machine, model and gains that are in use; set by the node itself'
+
+
+def declare_truth_hash(node, machine):
+    """Declare the read-only parameter `truth_hash` of `node`, the simulated `machine`, which has loaded the file."""
+    description = 'hash of the file of config/truth that is in use; set by the node itself'
+    descriptor = ParameterDescriptor(description=description, read_only=True)
+    node.declare_parameter(TRUTH_HASH, truth_hash(machine), descriptor, ignore_override=True)
 
 
 class LoadedConfig:

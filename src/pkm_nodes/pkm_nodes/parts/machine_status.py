@@ -5,7 +5,9 @@ from time import monotonic
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
+from pkm_core.servo.event_sources import MACHINE
 from pkm_nodes.messages.diagnostics import node_of
+from pkm_nodes.parts.speakers import MachineProcesses
 from pkm_nodes.runtime.groups import SenderGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.one_publisher import OnePublisher, participant
@@ -19,7 +21,8 @@ class StatusGate:
 
     def __init__(self, node):
         self._name = f'{node.get_namespace().rstrip("/")}/machine'
-        self._publisher, self._look_at = OnePublisher(node, 'machine/cycle'), 0.0
+        self._publisher, self._look_at = OnePublisher(node, MACHINE), 0.0
+        self._machines = MachineProcesses(node)
         self._warn = LogThrottle(node.get_logger())
 
     def status_in(self, data, sender=b''):
@@ -35,13 +38,14 @@ class StatusGate:
         return None
 
     def _is_genuine(self, sender):
+        if not sender:
+            return True
         now = monotonic()
         if participant(sender) not in self._publisher.participants() and now >= self._look_at:
             self._look_at = now + _LOOK_EVERY
             self._publisher.look()
-        known = self._publisher.participants()
-        # a machine of the user's own need not publish machine/cycle
-        return not sender or not known or participant(sender) in known
+        known = self._publisher.participants() or self._machines.participants(participant(sender))
+        return participant(sender) in known
 
 
 def subscribe_machine_status(node, callback):

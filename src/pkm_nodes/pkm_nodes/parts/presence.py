@@ -6,8 +6,8 @@ class Presence:
     Whether the publishers of `topic` that were seen first are still in the graph.
 
     They are the publishers at construction, or the first ones found later. DDS removes a killed process when its lease
-    ends, 20 s after its last sign of life. Threads of DDS send these signs however long a callback takes: a slow
-    process is not taken for a dead one.
+    ends, 10 s after its last sign of life (fastdds.xml). Threads of DDS send these signs however long a callback takes:
+    a slow process is not taken for a dead one.
     """
 
     def __init__(self, node, topic):

@@ -11,6 +11,7 @@ from pkm_core.motion.trajectory import added, checked_cycle
 from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import trajectory_from_msg
+from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.runtime.node import CYCLE_QOS
 
 # [s, wall] wait for the correction of a cycle; tool_learning waits at most 2 s for its measurements
@@ -39,7 +40,7 @@ class ReferenceCorrection:
         self._waiting = None  # (cycle, planned trajectory, send)
         self._until = 0.0
         self._without = False  # whether the last cycle had none
-        node.create_subscription(SampledTrajectoryMessage, 'joint_correction', self._on_correction, CYCLE_QOS)
+        subscribe_one(node, SampledTrajectoryMessage, 'joint_correction', self._on_correction, CYCLE_QOS)
         self._timer = node.create_timer(_LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()
 

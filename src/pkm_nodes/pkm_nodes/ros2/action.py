@@ -64,7 +64,7 @@ def _presence_of_server(node, action_name):
     """
     Return a function that raises `_ServerLeftError` when the servers that are there now have left the graph.
 
-    DDS removes a killed process after 20 s.
+    DDS removes a killed process after 20 s at most.
     """
     topic = node.resolve_topic_name(f'{action_name}/_action/status')
 

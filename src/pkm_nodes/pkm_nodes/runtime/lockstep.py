@@ -31,6 +31,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Task
 
 from pkm_core.errors import PkmError
+from pkm_nodes.runtime.denials import NONE
 from pkm_nodes.runtime.groups import HotGroup, PatientGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.queues import Taker
@@ -232,14 +233,15 @@ class _Queues:
 
     def __init__(self, subscriptions):
         self._taker = Taker()
-        self._callbacks = [(subscription.handle.pointer, subscription.callback) for subscription in subscriptions]
+        callbacks = [(each.handle.pointer, each.callback) for each in subscriptions]
+        self._callbacks = [(*pair, getattr(pair[1], 'denials', NONE)) for pair in callbacks]
         self._groups = {subscription.callback_group for subscription in subscriptions}
 
     def empty(self):
         """Pass the waiting messages to the callbacks; return whether there were any."""
         found = 0
-        for pointer, callback in self._callbacks:
-            found += self._taker.take(pointer, callback, _EMPTY_AT_MOST)
+        for pointer, callback, denials in self._callbacks:
+            found += self._taker.take(pointer, callback, _EMPTY_AT_MOST, denials)
         for group in self._groups:
             group.emptied()
         return found > 0

@@ -9,7 +9,8 @@ def participant(gid):
     return gid[:_PARTICIPANT]
 
 
-def _node_name(info):
+def node_name(info):
+    """Return the full name of the node of an endpoint of the graph."""
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
@@ -50,7 +51,7 @@ class OnePublisher:
         if self._besides is not None:
             self._besides.look()
         source = '' if self._besides is None else self._besides._name
-        names = {bytes(info.endpoint_gid): _node_name(info) for info in infos}
+        names = {bytes(info.endpoint_gid): node_name(info) for info in infos}
         self._aside = tuple(gid for gid, name in names.items() if source and name == source)
         counted = {gid: name for gid, name in names.items() if gid not in self._aside}
         if self.gid not in counted:

@@ -40,6 +40,16 @@ class PatientSubscription:
             message_type, topic, self._on_messages, qos, callback_group=group, raw=True
         )
 
+    @property
+    def topic_name(self):
+        """Resolved name."""
+        return self._publisher.topic
+
+    @property
+    def others(self):
+        """Nodes whose messages are dropped, see `OnePublisher`."""
+        return self._publisher.others
+
     def look(self):
         """Read the graph, regularly: the publisher is known before its first message."""
         self._publisher.look()

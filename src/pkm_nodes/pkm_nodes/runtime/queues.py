@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit, types
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
+from pkm_nodes.runtime.denials import KIND, LAST_KIND, NONE
+
 # rclpy has loaded both, so no path is needed; compiled code finds global symbols only
 ctypes.CDLL('librcl.so', ctypes.RTLD_GLOBAL)
 _rcutils = ctypes.CDLL('librcutils.so')
@@ -49,12 +51,33 @@ def raise_error(what):
     raise _rclpy.RCLError(f'rcl_take_serialized_message: returned {what}; expected {OK} or {NOTHING}')
 
 
-@njit('UniTuple(int64, 3)(int64, int64[::1], int64[::1], uint8[::1], int64[:, ::1], int64)', cache=True)
-def _take_alike(subscription, message, info, content, senders, most):
+@njit('boolean(int64[::1], int64[::1], int64[::1], int64[:, ::1])', cache=True)
+def _is_denied(message, info, unused, denied):
+    """Return whether the message just taken is one of `Denials`, and count it."""
+    if message[LENGTH] < KIND + 1:
+        return False
+    first = np.zeros(1, np.int64)
+    copy(first.ctypes.data, message[_BUFFER], KIND + 1)
+    kind = 1 << min(first[0] >> 8 * KIND, LAST_KIND)
+    if unused[0] & kind:
+        return True
+    for row in range(len(denied)):
+        if denied[row, 2] & kind and denied[row, 0] == info[GID] and denied[row, 1] == info[GID + 1]:
+            denied[row, 3] += 1
+            return True
+    return False
+
+
+@njit(
+    'UniTuple(int64, 3)(int64, int64[::1], int64[::1], uint8[::1], int64[:, ::1], int64, int64[::1], int64[:, ::1])',
+    cache=True,
+)
+def _take_alike(subscription, message, info, content, senders, most, unused, denied):
     """
     Copy up to `most` messages of equal size from the queue of `subscription` to `content`, their GIDs to `senders`.
 
-    The first message of another size, or without room, stays in `message` for the next call.
+    The first message of another size, or without room, stays in `message` for the next call. Messages of `Denials` are
+    dropped, and count to `most`.
 
     Returns
     -------
@@ -64,14 +87,18 @@ def _take_alike(subscription, message, info, content, senders, most):
         Return code of rcl: `OK`, `NOTHING` when the queue is empty, or an error.
 
     """
-    number, end = 0, 0
+    number, end, dropped = 0, 0, 0
     size = message[LENGTH]
-    while number < min(most, len(senders)):
+    while number + dropped < most and number < len(senders):
         if not message[LENGTH]:
             code = take_serialized(subscription, message.ctypes.data, info.ctypes.data, 0)
             if code != OK:
                 message[LENGTH] = 0
                 return number, end, code
+            if _is_denied(message, info, unused, denied):
+                message[LENGTH] = 0
+                dropped += 1
+                continue
             size = size or message[LENGTH]
         if message[LENGTH] != size or end + size > len(content):
             break
@@ -97,7 +124,7 @@ class Taker:
     def __del__(self):
         self._end()
 
-    def take(self, subscription, callback, enough):
+    def take(self, subscription, callback, enough, denials=NONE):
         """
         Call `callback` with the waiting messages, oldest first, until none is left or `enough` were taken.
 
@@ -110,6 +137,8 @@ class Taker:
             publisher of each, the rows (n, 2) of an array of int64.
         enough : int
             Number of messages after which the others stay in the queue.
+        denials : Denials, optional
+            Messages that are dropped.
 
         Returns
         -------
@@ -124,11 +153,12 @@ class Taker:
         """
         taken, code = 0, OK
         while code == OK and (taken < enough or self._message[LENGTH]):
-            number, end, code = _take_alike(
-                subscription, self._message, self._info, self._content, self._senders, enough
-            )
+            held = self._message, self._info, self._content, self._senders
+            number, end, code = _take_alike(subscription, *held, enough, denials.unused, denials.rows)
             if number:
                 callback(self._content[:end].reshape(number, -1).copy(), self._senders[:number].copy())
+            elif code == OK and not self._message[LENGTH]:
+                break  # enough were dropped
             elif code == OK:
                 callback(self._take_large(), self._info[np.newaxis, GID : GID + 2].copy())
                 number = 1

@@ -2,11 +2,12 @@
 
 from rclpy.executors import SingleThreadedExecutor
 
+from pkm_nodes.runtime.denials import NONE
 from pkm_nodes.runtime.groups import SenderGroup
 from pkm_nodes.runtime.queues import Taker
 
 # most messages taken in a turn, so that a burst does not block other entities
-_AT_MOST = 100
+_AT_MOST = 1000
 
 
 class SenderTakes:
@@ -21,7 +22,8 @@ class SenderTakes:
             self._taker = Taker()  # it holds no message between two calls
         found = []
         with sub.handle:
-            self._taker.take(sub.handle.pointer, lambda *rows: found.append(rows), _AT_MOST)
+            denials = getattr(sub.callback, 'denials', NONE)
+            self._taker.take(sub.handle.pointer, lambda *rows: found.append(rows), _AT_MOST, denials)
 
         async def call():
             for messages, senders in found:
