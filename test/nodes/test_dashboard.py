@@ -11,16 +11,26 @@ from rclpy.serialization import serialize_message
 from pkm_core.bag.writer import BagWriter
 from pkm_core.errors import BagError
 from pkm_core.machines.description import joint_positions
-from pkm_interfaces.msg import CycleEvent, CycleMetrics, LaserSample, MotorCommand
+from pkm_core.machines.geometry import load_geometry
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, Geometry, LaserSample, MotorCommand, SampledTrajectory
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.nodes.dashboard import DashboardNode
 from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
-from pkm_nodes.page.cell import Cell, Status
-from pkm_nodes.page.panels import nodes_html, notice_html, status_html
-from pkm_nodes.page.trace import read_trace
+from pkm_nodes.page.cell import Cell, NodeLine, Status
+from pkm_nodes.page.panels import history_html, learned_html, nodes_html, notice_html, shown_html, status_html
+from pkm_nodes.page.trace import Trace, read_trace
+from pkm_nodes.runtime.node import LAST_VALUE_QOS
 
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
+BUILT = """
+built:
+  specimen: {machine: planar, origin: simulated, seed: 1, environment: nominal}
+  l2: 70.013 mm
+  l4: 69.991 mm
+  dy: 10.004 mm
+  marks: {d1: 0.002 mm, d3: -0.001 mm}
+"""
 
 
 @pytest.fixture
@@ -33,15 +43,24 @@ def dashboard(graph):
     return graph.start(DashboardNode)
 
 
-def record(folder, joints, errors, voltages, *, name='bag', laser=()):
-    """Write a bag with the commands of one cycle; errors and voltages are (N, n), laser rows (time, displacement)."""
+def record(folder, joints, errors, voltages, *, name='bag', laser=(), poses=None):
+    """Write a bag of one cycle; errors and voltages are (N, n), laser rows (time, displacement), poses (M, m)."""
     topics = {f'/pkm/{joint}/command': 'pkm_interfaces/msg/MotorCommand' for joint in joints}
-    bag = BagWriter(folder / name, {**topics, '/pkm/laser': 'pkm_interfaces/msg/LaserSample'}, {})
+    others = {'/pkm/laser': 'LaserSample', '/pkm/pose_trajectory': 'SampledTrajectory'}
+    kinds = {topic: f'pkm_interfaces/msg/{kind}' for topic, kind in others.items()}
+    bag = BagWriter(folder / name, {**topics, **kinds}, {})
+    if poses is not None:
+        plan = dict.fromkeys(('position', 'velocity', 'acceleration', 'jerk'), np.ravel(poses).tolist())
+        plan |= {'coordinates': ['x', 'y', 'z', 'phi'], 'motion': 'short', 'learning_law': 'fourier'}
+        plan |= {'move_starts': [1], 'move_ends': [2], 'feedforward': [0.0]}
+        bag.write('/pkm/pose_trajectory', serialize_message(SampledTrajectory(**plan)), 0)
     for time, *displacement in laser:
         bag.write('/pkm/laser', serialize_message(LaserSample(time=time, displacement=displacement)), 0)
     for tick, (error, voltage) in enumerate(zip(errors, voltages, strict=True), start=100):
         for topic, e, v in zip(topics, error, voltage, strict=True):
-            bag.write(topic, serialize_message(MotorCommand(tick=tick, cycle=1, error=e, voltage=v)), tick)
+            bag.write(
+                topic, serialize_message(MotorCommand(tick=tick, cycle=1, error=e, voltage=v, feedforward=v / 2)), tick
+            )
     bag.close({})
     return folder / name
 
@@ -110,17 +129,19 @@ def test_status_follows_the_cycle_events(cell, machine):
 
 def test_cycle_without_a_bag_shows_why(cell):
     cell.hear(CycleEvent(event=CycleEvent.NOT_RECORDED, cycle=3, message='/bags: No space left on device'))
-    assert 'cycle 3 is not recorded: /bags: No space left on device' in status_html(cell)
+    assert 'cycle 3 is not recorded: /bags: No space left on device' in shown_html(cell)
 
 
 def test_trace_holds_the_commands_of_the_bag(cell, tmp_path):
     random = np.random.default_rng(1)
     errors, voltages = random.normal(size=(2, 30, 4)).tolist()
     bag = record(tmp_path, cell.machine.joints, errors, voltages)
-    trace = read_trace(bag, 7, cell.machine.joints, '/pkm')
+    trace = read_trace(bag, 7, cell.machine, '/pkm')
     assert trace.cycle == 7
     assert np.array_equal(trace.error, errors)
     assert np.array_equal(trace.voltage, voltages)
+    assert np.array_equal(trace.feedforward, np.array(voltages) / 2)
+    assert (trace.tool, trace.samples) == (None, 0), 'no plan in the bag'
 
 
 def test_tool_error_is_the_laser_against_the_planned_poses(cell, tmp_path):
@@ -128,17 +149,62 @@ def test_tool_error_is_the_laser_against_the_planned_poses(cell, tmp_path):
     samples, first = 60, 100
     poses = np.zeros((samples, 4)) + cell.machine.forward(cell.machine.home)
     poses[20:, 0] += 1e-9  # the start of the move
-    cell.load(1, 'short', 'none', poses)
     time = np.arange(first * 5e-4, (first + samples) * 5e-4, 8e-4)
     moved = time >= (first + 20) * 5e-4
     rows = [[t, 5e-6 + m * 2e-6, 5e-6, 5e-6, m * 4e-5] for t, m in zip(time.tolist(), moved.tolist(), strict=True)]
     zeros = np.zeros((samples, 4)).tolist()
-    bag = record(tmp_path, cell.machine.joints, zeros, zeros, laser=rows)
+    bag = record(tmp_path, cell.machine.joints, zeros, zeros, laser=rows, poses=poses)
     cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
-    assert cell.tool.cycle == 1
-    assert cell.tool.time[-1] == pytest.approx((time - time[0])[-1])
-    assert 1e6 * cell.tool.error[-1] == pytest.approx([-2.0, 0.0, 0.0, -2.0], abs=2e-3)
+    cell.refresh()
+    tool = cell.shown.tool
+    assert tool.cycle == 1
+    assert tool.time[-1] == pytest.approx((time - time[0])[-1])
+    assert 1e6 * tool.error[-1] == pytest.approx([-2.0, 0.0, 0.0, -2.0], abs=2e-3)
     assert '<span data-tool>x 2.0, y 0.0, z 0.0, phi 2.0</span> um' in status_html(cell)
+
+
+def test_cycle_chosen_from_the_history_stays_shown(cell, tmp_path):
+    zeros = np.zeros((3, 4)).tolist()
+    for cycle in (1, 2):
+        bag = record(tmp_path, cell.machine.joints, zeros, zeros, name=f'bag{cycle}')
+        cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=cycle))
+        cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=cycle, bag=str(bag)))
+        measure(cell, cycle, *4 * [cycle * 1e-6])
+        cell.chosen = 1
+        cell.refresh()
+        assert cell.shown.cycle == 1
+    assert [past.line for past in cell.history] == ['2: 2.00 um, , ', '1: 1.00 um, , ']
+    cell.chosen = 0
+    cell.refresh()
+    assert cell.shown.cycle == 2
+
+
+def test_cycle_of_a_fault_is_shown_with_its_curves(cell, tmp_path):
+    poses = np.tile(cell.machine.forward(cell.machine.home), (8, 1))
+    rows = np.ones((3, 4)).tolist()
+    bag = record(tmp_path, cell.machine.joints, rows, rows, poses=poses)
+    cell.hear(CycleEvent(event=CycleEvent.STARTED, cycle=1))
+    cell.hear(CycleEvent(event=CycleEvent.FAULT, cycle=1, message='d1 has hit its stop'))
+    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
+    cell.refresh()
+    assert len(cell.shown.error) == 3
+    html = shown_html(cell)
+    assert 'fault: d1 has hit its stop' in html
+    assert 'curves until the stop, 1.5 of 4.0 ms' in html
+    assert next(iter(cell.history)).line.startswith('1: fault')
+
+
+def test_nothing_of_the_former_cell_stays_after_a_restart(cell, tmp_path):
+    zeros = np.zeros((3, 4)).tolist()
+    bag = record(tmp_path, cell.machine.joints, zeros, zeros)
+    cell.load(1, 'short', 'fourier', np.tile(cell.machine.forward(cell.machine.home), (3, 1)))
+    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
+    measure(cell, 1, *4 * [1e-6])
+    cell.refresh()
+    cell.begin_anew()
+    cell.refresh()
+    assert (cell.shown, cell.best, cell.path, cell.errors, len(cell.history)) == (None, None, None, {}, 0)
+    assert (cell.motion, cell.law, cell.best_cycle) == ('', '', 0)
 
 
 @pytest.mark.parametrize('bag_first', [True, False])
@@ -150,33 +216,40 @@ def test_best_trace_is_that_of_the_best_cycle(cell, tmp_path, bag_first):
         steps = [lambda event=event: cell.hear(event), lambda c=cycle, e=error: measure(cell, c, *4 * [e])]
         for step in steps if bag_first else reversed(steps):
             step()
-    assert (cell.best.cycle, cell.latest.cycle) == (2, 3)
+        cell.refresh()
+    assert (cell.best.cycle, cell.shown.cycle) == (2, 3)
 
 
-def test_missing_bag_is_reported_and_the_last_trace_kept(cell, tmp_path):
+def test_missing_bag_is_reported_without_curves(cell, tmp_path):
     zeros = np.zeros((3, 4)).tolist()
     bag = record(tmp_path, cell.machine.joints, zeros, zeros)
     cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
-    assert cell.latest.cycle == 1
+    cell.refresh()
+    assert cell.shown.cycle == 1
     cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=2, bag=str(tmp_path / 'elsewhere')))
-    assert cell.latest.cycle == 1
+    cell.refresh()
+    assert cell.shown is None, 'not the curves of another cycle'
     assert cell.no_trace == f'{tmp_path / "elsewhere"}: no such bag on this computer'
 
 
 def test_bag_of_another_cell_is_refused(cell, tmp_path):
     bag = record(tmp_path, ('x', 'y'), np.zeros((3, 2)).tolist(), np.zeros((3, 2)).tolist())
     with pytest.raises(BagError, match=r'has no tick with a command of every joint of \[.d1'):
-        read_trace(bag, 1, cell.machine.joints, '/pkm')
+        read_trace(bag, 1, cell.machine, '/pkm')
     (next(bag.glob('*.mcap'))).write_bytes(b'\x89MCAP0\r\nnonsense')
     with pytest.raises(BagError, match='cannot be read as a bag'):
-        read_trace(bag, 1, cell.machine.joints, '/pkm')
+        read_trace(bag, 1, cell.machine, '/pkm')
 
 
 def test_text_from_the_graph_is_escaped(cell):
     cell.hear(CycleEvent(event=CycleEvent.FAULT, message='<script>'))
     cell.hear(CycleEvent(event=CycleEvent.REFUSED, source='<b>', message='<i>'))
-    cell.motion = '<u>'
-    for html in (status_html(cell), notice_html(cell), nodes_html(cell)):
+    cell.motion = cell.law = cell.geometry = '<u>'
+    cell.history.note(1, motion='<u>', law='<i>', fault='<b>')
+    cell.nodes = [NodeLine('<b>', good=True, text='<i>')]
+    cell.shown = Trace(1, '<u>', '<b>', 5, *3 * [np.zeros((2, 4))])
+    for make in (status_html, notice_html, nodes_html, shown_html, learned_html, history_html):
+        html = make(cell).replace('<b data-worst>', '').replace(f'<b>cycle {cell.shown.cycle}</b>', '')
         assert not any(tag in html for tag in ('<script>', '<b>', '<i>', '<u>'))
 
 
@@ -196,6 +269,19 @@ def test_dashboard_reads_the_machine_parameter_of_each_machine(graph, dashboard)
     metrics = graph.publisher(CycleMetrics, 'd3/cycle_metrics')
     metrics.publish(CycleMetrics(cycle=4, joint='d3', max_dynamic_error=1e-6))
     graph.spin_until(lambda: dashboard.cell.errors == {4: {'d3': 1e-6}}, 'metrics of the new machine')
+
+
+def test_geometry_exchanged_in_the_cell_is_drawn(graph, dashboard, tmp_path):
+    graph.start(MachineNode, machine='planar')
+    graph.spin_until(lambda: dashboard.cell.machine, 'the machine to be known')
+    drawn, file = load_geometry('planar'), tmp_path / 'planar.yaml'
+    file.write_text(drawn.text + BUILT)
+    announced = {'file': str(file), 'geometry': drawn.exchanged(str(file), file.read_text()).digest}
+    publisher = graph.publisher(Geometry, 'geometry', LAST_VALUE_QOS)
+    publisher.publish(Geometry(node='state_estimator', **announced))
+    publisher.publish(Geometry(node='trajectory_generator', **announced))
+    graph.spin_until(lambda: dashboard.cell.geometry.startswith('calibrated'), 'the lengths of the file')
+    assert dashboard.cell.machine.config.built.l2 == 70.013e-3
 
 
 def test_restarted_machine_resets_the_cycle_number(graph, dashboard, machine):

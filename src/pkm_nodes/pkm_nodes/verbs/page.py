@@ -1,9 +1,11 @@
-"""`pkm page`: the live page of a running cell."""
+"""`pkm page`: the live page of a running cell, or of recorded bags."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from pkm_core.interrupts import interruptible
 from pkm_nodes.runtime.discovery import discover_on_this_computer
 
 
@@ -12,14 +14,24 @@ def page(
     host: Annotated[
         str, typer.Option(help='Address to listen on; 0.0.0.0 lets other computers view and operate the cell.')
     ] = '127.0.0.1',
+    bag: Annotated[
+        Path | None, typer.Option(help='Play this bag, or the bags of this folder or run; no cell is needed.')
+    ] = None,
 ):
     """
     Show the running cell in a browser: 3D view, errors, currents and nodes; buttons run, jog, stop, reset.
 
-    Attaches to the cell of this ROS_DOMAIN_ID, for example that of `pkm run`; the cell may start later.
+    Attaches to the cell of this ROS_DOMAIN_ID, for example that of `pkm run`; the cell may start later. With --bag it
+    plays recorded cycles at any pace, with pause and scrub.
 
     Example: `pkm page --port 8080`
     """
+    if bag is not None:
+        from pkm_nodes.page.play import play
+
+        with interruptible():
+            play(bag, host, port)
+        return
     discover_on_this_computer()
     from pkm_nodes.nodes.dashboard import show
 
