@@ -7,7 +7,7 @@ from pkm_core.errors import WorkspaceError
 from pkm_core.machines import load_machine
 from pkm_core.machines.geometry import load_geometry
 from pkm_nodes.page.cell import Cell, Pace, Status
-from pkm_nodes.page.controls import PaceControls, RunControls, reaches
+from pkm_nodes.page.controls import JogControls, PaceControls, RunControls, reaches
 from pkm_nodes.page.history import MEMORY, History
 from pkm_nodes.page.lengths import Lengths
 from pkm_nodes.page.page import Page
@@ -62,6 +62,18 @@ def test_ends_of_every_slider_are_the_reach_there(name):
                 machine.check_pose(at)
 
 
+def test_number_typed_beyond_the_reach_becomes_the_reach(gui, machine):
+    aims = []
+    jog = JogControls(gui, machine, lambda *_: None, aims.append)
+    slider = jog._sliders['x']
+    end = slider.max
+    slider.value = 40.0
+    jog._on_change(slider)
+    assert (slider.value, slider.max) == (end, end)
+    assert aims == [jog.offsets()]
+    assert aims[0]['x'] == pytest.approx(1e-3 * end)
+
+
 def test_buttons_are_coloured_by_the_state(gui, machine):
     controls, cell = RunControls(gui, machine, lambda *_: None), Cell(machine)
     found = {}
@@ -84,6 +96,7 @@ def test_pace_is_hidden_unless_the_machine_offers_it(gui, machine):
     cell.pace = Pace(offered=True, asked=0.5, reached=0.4987, paused=True)
     controls.show(cell)
     assert controls._folder.visible
+    assert controls._slider.value == 0.5
     assert controls._pause.label == 'Continue'
     assert 'asked: 0.5 x real time; reached: 0.499' in controls._text.content
     assert ', paused' in status_html(cell)

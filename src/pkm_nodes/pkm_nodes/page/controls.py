@@ -63,7 +63,7 @@ class PaceControls:
     """Pace, pause and step; hidden unless the machine offers them."""
 
     def __init__(self, gui, wish):
-        self._paused = False
+        self._paused, self._asked = False, 0.0
         self._folder = gui.add_folder('Pace', visible=False)
         with self._folder:
             marks = ((0.0, 'max'), (1.0, '1'), (_FASTEST, f'{_FASTEST:g}'))
@@ -81,6 +81,9 @@ class PaceControls:
             self._folder.visible = pace.offered
         if not pace.offered:
             return
+        if self._asked != pace.asked:  # another client may have set it
+            self._asked = pace.asked
+            self._slider.value = min(pace.asked, _FASTEST)
         if self._paused != pace.paused:
             self._paused = pace.paused
             self._pause.label, self._pause.color = ('Continue', 'blue') if pace.paused else ('Pause', 'gray')
@@ -104,7 +107,7 @@ class JogControls:
             gui.add_button('Visit').on_click(lambda _: wish('visit', self.offsets()))
         self._limit()
         for slider in self._sliders.values():
-            slider.on_update(lambda event: event.client and self._on_change())
+            slider.on_update(lambda event, slider=slider: event.client and self._on_change(slider))
 
     def offsets(self):
         """Return {coordinate: offset from home [m, rad]}."""
@@ -118,7 +121,10 @@ class JogControls:
         self._machine = machine
         self._limit()
 
-    def _on_change(self):
+    def _on_change(self, slider):
+        within = min(max(slider.value, slider.min), slider.max)  # the box beside it accepts any number
+        if slider.value != within:
+            slider.value = within
         self._limit()
         self._on_aim(self.offsets())
 
