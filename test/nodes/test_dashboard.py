@@ -7,6 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.srv import ListParameters
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
 
 from pkm_core.bag.writer import BagWriter
 from pkm_core.errors import BagError
@@ -282,6 +283,24 @@ def test_geometry_exchanged_in_the_cell_is_drawn(graph, dashboard, tmp_path):
     publisher.publish(Geometry(node='trajectory_generator', **announced))
     graph.spin_until(lambda: dashboard.cell.geometry.startswith('calibrated'), 'the lengths of the file')
     assert dashboard.cell.machine.config.built.l2 == 70.013e-3
+
+
+def test_odd_messages_change_nothing_on_the_page(graph, dashboard, machine):
+    graph.start(MachineNode)
+    graph.spin_until(lambda: dashboard.cell.machine, 'the machine to be known')
+    before = dashboard.cell.positions
+    joints = graph.publisher(JointState, 'joint_states')
+    joints.publish(JointState(name=['d1', 'd3'], position=[1.0]))
+    plans = graph.publisher(SampledTrajectory, 'pose_trajectory')
+    for position in ([], [0.0, 1.0, 2.0]):
+        odd = SampledTrajectory(motion='odd', coordinates=list(machine.coordinates), position=position)
+        plans.publish(odd)
+    graph.publisher(CycleMetrics, 'd1/cycle_metrics').publish(CycleMetrics(cycle=1, joint='<b>'))
+    odd = Geometry(node='trajectory_generator', file='/dev/zero', geometry='0' * 12)
+    graph.publisher(Geometry, 'geometry', LAST_VALUE_QOS).publish(odd)
+    graph.spin_until(lambda: 'is no regular file' in dashboard.cell.geometry, 'the refusal of the file')
+    graph.spin_in_silence()
+    assert (dashboard.cell.positions, dashboard.cell.motion, dashboard.cell.errors) == (before, '', {})
 
 
 def test_restarted_machine_resets_the_cycle_number(graph, dashboard, machine):

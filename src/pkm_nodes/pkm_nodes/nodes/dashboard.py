@@ -9,7 +9,7 @@ import os
 import sys
 from contextlib import closing, suppress
 from math import atan2, nan
-from time import monotonic, sleep
+from time import monotonic
 
 import numpy as np
 import rclpy
@@ -18,7 +18,6 @@ from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException, ShutdownException, TimeoutException
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
@@ -32,8 +31,8 @@ from pkm_nodes.page.node_table import NodeTable
 from pkm_nodes.parts.cell_buttons import CellButtons
 from pkm_nodes.parts.cycle_events import subscribe_events
 from pkm_nodes.parts.machine_status import subscribe_machine_status
-from pkm_nodes.runtime.fast_path import FAST_PATH
 from pkm_nodes.runtime.node import CYCLE_QOS, REFUSALS, PkmNode, RCLError, begin
+from pkm_nodes.runtime.turns import serve_in_turns
 
 # [1/s, wall] rate of serving ROS and updating the page
 _RATE = 15.0
@@ -107,9 +106,12 @@ class DashboardNode(PkmNode):
 
     def _on_trajectory(self, message):
         machine = self.cell.machine
-        if machine is not None and tuple(message.coordinates) == machine.coordinates:
-            positions = np.array(message.position).reshape(-1, len(machine.coordinates))
-            self.cell.load(message.cycle, message.motion, message.learning_law, positions)
+        if machine is None or tuple(message.coordinates) != machine.coordinates:
+            return
+        positions = np.array(message.position)
+        if positions.size and not positions.size % len(machine.coordinates):
+            rows = positions.reshape(-1, len(machine.coordinates))
+            self.cell.load(message.cycle, message.motion, message.learning_law, rows)
 
     def _on_pose(self, message):
         place, turn = message.pose.position, message.pose.orientation
@@ -117,7 +119,8 @@ class DashboardNode(PkmNode):
         self.cell.pose = {name: seen[name] for name in self.cell.pose}
 
     def _on_joints(self, message):
-        self.cell.positions = dict(zip(message.name, message.position, strict=True))
+        if len(message.name) == len(message.position):
+            self.cell.positions = dict(zip(message.name, message.position, strict=True))
 
     def _on_geometry(self, message):
         if message.node == 'trajectory_generator':  # its geometry is that of the cell
@@ -144,7 +147,7 @@ class DashboardNode(PkmNode):
         values = values_of(status)
         state = values.get(STATE, '')
         self._reports['machine'] = (status.level == DiagnosticStatus.OK, state or status.message)
-        now, tick = monotonic(), int(values.get(TICK, 0))
+        now, tick = monotonic(), _number(values.get(TICK, '0'))
         if self._ticks is not None and tick < self._ticks[1]:
             self._asked = None  # it was restarted, perhaps as another machine
             self.cell.begin_anew()
@@ -173,14 +176,20 @@ class DashboardNode(PkmNode):
             self.cell.leave()
             self._asked = None
         if self._asked is None and self._machine_parameters.service_is_ready():
-            self._asked = self._machine_parameters.call_async(GetParameters.Request(names=['machine', 'session']))
-            self._asked.add_done_callback(self._on_machine_name)
+            self._ask(['machine', 'session'])
         self.cell.nodes = self._table.lines(present, self._reports, self.get_name())
         self.cell.is_replayed = 'bag_player' in present
 
-    def _on_machine_name(self, future):
+    def _ask(self, names):
+        """Ask the machine for parameters of the cell."""
+        self._asked = self._machine_parameters.call_async(GetParameters.Request(names=names))
+        self._asked.add_done_callback(lambda future: self._on_parameters(future, names))
+
+    def _on_parameters(self, future, names):
         of_cell = [value.string_value for value in future.result().values]
-        if of_cell == self._of_cell:
+        if not of_cell and len(names) > 1:
+            self._ask(names[:1])  # a machine of the user's own may have no session
+        if not of_cell or of_cell == self._of_cell:
             return
         self._of_cell, self._lengths, name = of_cell, None, of_cell[0]
         try:
@@ -201,7 +210,8 @@ class DashboardNode(PkmNode):
             self._of_machine.append(self.create_subscription(CycleMetrics, topic, self._on_metrics, CYCLE_QOS))
 
     def _on_metrics(self, message):
-        self.cell.measure(message)
+        if message.joint in self.cell.machine.joints:
+            self.cell.measure(message)
 
     def _name_of(self, node):
         return f'{self.get_namespace().rstrip("/")}/{node}'
@@ -217,29 +227,20 @@ def _number(text):
 
 def serve(node, page):
     """Serve `node` and update `page` until the context is shut down."""
-    executor = FAST_PATH.stepped_executor(node.context)
-    executor.add_node(node)
     read_at = 0.0
-    while node.context.ok():
-        next_turn = monotonic() + 1.0 / _RATE
+
+    def fulfil():
         for wish in page.wishes():
             node.fulfil(wish)
-        _serve_ready(executor)
+
+    def show_cell():
+        nonlocal read_at
         if monotonic() >= read_at:
             node.cell.refresh()
             read_at = monotonic() + _READ_EVERY
         page.show(node.cell)
-        sleep(max(0.0, next_turn - monotonic()))
 
-
-def _serve_ready(executor):
-    """Serve all messages that have arrived, without waiting for more."""
-    with suppress(TimeoutException, ShutdownException, ExternalShutdownException):
-        while True:
-            handler, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0)
-            handler()
-            if handler.exception() is not None:
-                raise handler.exception()
+    serve_in_turns(node, _RATE, fulfil, show_cell)
 
 
 def show(args=None):
