@@ -165,6 +165,9 @@ def test_click_runs_cycles_and_updates_numbers_and_curves(window):
     status(window).filter(has_text='standing, cycle 7').wait_for()
     window.get_by_text('Motor current [A]: cycle 7', exact=True).wait_for()
     sync_api.expect(worst).not_to_have_text(before)
+    shown = 'Object.values(__viserTestpoints.uplots).map(each => [each.chart.scales.x.min, each.chart.scales.x.max])'
+    window.wait_for_timeout(1000)  # of drawing
+    assert all(first < 1.0 < 300.0 < last for first, last in window.evaluate(shown)), 'the whole cycle [ms]'
     _picture(window, 'page')
 
 

@@ -19,7 +19,8 @@ class _Chart:
     def __init__(self, gui, colours, *, by_cycle=False):
         line = {'width': 1.3, 'points': {'show': by_cycle, 'size': 5.0}}
         series = ({}, *({'label': name, 'stroke': colour, **line} for name, colour in colours.items()))
-        self._empty = tuple(np.full(2, np.nan) for _ in series)
+        # viser keeps the shown part of x relative to the data before; without a range it would keep none
+        self._empty = (np.array([0.0, 1.0]), *(np.full(2, np.nan) for _ in colours))
         axis_of_cycles = {'incrs': _WHOLE} if by_cycle else {}
         ticks = {'show': False}
         self._plot = gui.add_uplot(
