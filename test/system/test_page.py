@@ -24,6 +24,9 @@ CHROMIUM = Path('/usr/bin/chromium')
 PATIENCE = 90_000
 WINDOW = {'width': 1440, 'height': 900}
 PHONE = {'width': 390, 'height': 844}
+# title of every chart and the ends of its x axis
+SHOWN = """Object.values(__viserTestpoints.uplots).map(({chart}) =>
+  [chart.root.querySelector('.u-title')?.textContent ?? '', chart.scales.x.min, chart.scales.x.max])"""
 
 pytestmark = [
     pytest.mark.slow,
@@ -165,9 +168,10 @@ def test_click_runs_cycles_and_updates_numbers_and_curves(window):
     status(window).filter(has_text='standing, cycle 7').wait_for()
     window.get_by_text('Motor current [A]: cycle 7', exact=True).wait_for()
     sync_api.expect(worst).not_to_have_text(before)
-    shown = 'Object.values(__viserTestpoints.uplots).map(each => [each.chart.scales.x.min, each.chart.scales.x.max])'
     window.wait_for_timeout(1000)  # of drawing
-    assert all(first < 1.0 < 300.0 < last for first, last in window.evaluate(shown)), 'the whole cycle [ms]'
+    ends = [(first, last) for title, first, last in window.evaluate(SHOWN) if title.endswith(': cycle 7')]
+    assert len(ends) >= 4
+    assert all(first < 1.0 < 300.0 < last for first, last in ends), 'the whole cycle [ms]'
     _picture(window, 'page')
 
 
