@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 from pkm_core.errors import PkmError
 from pkm_interfaces.msg import CycleMetrics, Geometry, SampledTrajectory
 from pkm_nodes.graph import cell_nodes, controller_nodes
-from pkm_nodes.messages.diagnostics import FAULT, STATE, TICK, values_of
+from pkm_nodes.messages.diagnostics import FAULT, PACE_ASKED, PACE_REACHED, PAUSED, STATE, TICK, values_of
 from pkm_nodes.page.cell import Cell, Notice, Pace, Status, home_pose
 from pkm_nodes.page.lengths import Lengths
 from pkm_nodes.page.node_table import NodeTable
@@ -163,9 +163,9 @@ class DashboardNode(PkmNode):
 
     def _pace(self, values):
         """Return the `Pace` that the machine reports."""
-        asked, reached = (_number(values.get(key, '')) for key in ('pace', 'pace reached'))
+        asked, reached = (_number(values.get(key, '')) for key in (PACE_ASKED, PACE_REACHED))
         offered = asked == asked and self._buttons.offers_pace
-        return Pace(offered, asked, reached, values.get('paused') == 'true')
+        return Pace(offered, asked, reached, values.get(PAUSED) == 'true')
 
     # nodes of the cell
 
