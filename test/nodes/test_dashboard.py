@@ -1,31 +1,32 @@
 """Node dashboard: state of the cell, goals and service calls; test/system/test_page.py tests the page."""
 
 import math
+from functools import partial
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.srv import ListParameters
-from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
 
-from pkm_core.bag.writer import BagWriter
-from pkm_core.errors import BagError
-from pkm_core.machines.description import joint_positions
-from pkm_interfaces.msg import CycleEvent, CycleMetrics, LaserSample, MotorCommand
+from pkm_core.machines.geometry import load_geometry
+from pkm_interfaces.msg import CycleEvent, CycleMetrics, Geometry, SampledTrajectory
 from pkm_nodes.nodes.computed_torque_controller import ComputedTorqueControllerNode
 from pkm_nodes.nodes.dashboard import DashboardNode
 from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
 from pkm_nodes.page.cell import Cell, Status
-from pkm_nodes.page.panels import nodes_html, notice_html, status_html
-from pkm_nodes.page.trace import read_trace
+from pkm_nodes.runtime.node import LAST_VALUE_QOS, PkmNode
 
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
-
-
-@pytest.fixture
-def cell(machine):
-    return Cell(machine)
+BUILT = """
+built:
+  specimen: {machine: planar, origin: simulated, seed: 1, environment: nominal}
+  l2: 70.013 mm
+  l4: 69.991 mm
+  dy: 10.004 mm
+  marks: {d1: 0.002 mm, d3: -0.001 mm}
+"""
 
 
 @pytest.fixture
@@ -33,154 +34,9 @@ def dashboard(graph):
     return graph.start(DashboardNode)
 
 
-def record(folder, joints, errors, voltages, *, name='bag', laser=()):
-    """Write a bag with the commands of one cycle; errors and voltages are (N, n), laser rows (time, displacement)."""
-    topics = {f'/pkm/{joint}/command': 'pkm_interfaces/msg/MotorCommand' for joint in joints}
-    bag = BagWriter(folder / name, {**topics, '/pkm/laser': 'pkm_interfaces/msg/LaserSample'}, {})
-    for time, *displacement in laser:
-        bag.write('/pkm/laser', serialize_message(LaserSample(time=time, displacement=displacement)), 0)
-    for tick, (error, voltage) in enumerate(zip(errors, voltages, strict=True), start=100):
-        for topic, e, v in zip(topics, error, voltage, strict=True):
-            bag.write(topic, serialize_message(MotorCommand(tick=tick, cycle=1, error=e, voltage=v)), tick)
-    bag.close({})
-    return folder / name
-
-
 def measure(cell, cycle, *errors):
     for joint, error in zip(cell.machine.joints, errors, strict=True):
         cell.measure(CycleMetrics(cycle=cycle, joint=joint, max_dynamic_error=error))
-
-
-# a Cell, without ROS
-
-
-def test_best_cycle_has_the_least_worst_axis_error(cell):
-    measure(cell, 1, 9e-6, 1e-6, 1e-6, 1e-6)
-    assert (cell.best_cycle, cell.worst(1)) == (1, 9e-6)
-    cell.measure(CycleMetrics(cycle=2, joint='d1', max_dynamic_error=1e-9))
-    assert math.isnan(cell.worst(2))
-    assert cell.best_cycle == 1, 'not all axes of cycle 2 are known'
-    measure(cell, 2, 2e-6, 3e-6, 2e-6, 2e-6)
-    measure(cell, 3, 4e-6, 1e-6, 1e-6, 1e-6)
-    assert (cell.best_cycle, cell.worst(2)) == (2, 3e-6)
-
-
-def test_best_cycle_is_kept_when_old_cycles_are_dropped(cell):
-    for cycle in range(1, 700):
-        measure(cell, cycle, *4 * [1e-6 if cycle == 3 else 2e-6])
-    assert len(cell.errors) == 500
-    assert cell.worst(cell.best_cycle) == 1e-6
-
-
-@pytest.mark.parametrize(
-    ('motion', 'law', 'scale', 'kept'),
-    [
-        ('short', 'fourier', 1.0, True),
-        ('short', 'none', 1.0, False),
-        ('other', 'fourier', 1.0, False),
-        ('short', 'fourier', 1.1, False),
-    ],
-)
-def test_errors_are_dropped_when_motion_or_law_changes(cell, motion, law, scale, kept):
-    poses = np.tile(cell.machine.forward(cell.machine.home), (5, 1))
-    cell.load(1, 'short', 'fourier', poses)
-    measure(cell, 1, *4 * [1e-6])
-    measure(cell, 2, *4 * [2e-6])  # came before the trajectory it belongs to
-    cell.load(2, motion, law, scale * poses)
-    assert list(cell.errors) == ([1, 2] if kept else [2])
-    assert cell.best_cycle == (1 if kept else 2)
-    assert cell.path == pytest.approx(scale * poses[:, :3])
-
-
-def test_status_follows_the_cycle_events(cell, machine):
-    story = [
-        (CycleEvent.STARTED, Status.RUNNING, ''),
-        (CycleEvent.FAULT, Status.FAULT, 'd1 has hit its stop'),
-        (CycleEvent.RESET, Status.STANDING, ''),
-        (CycleEvent.STARTED, Status.RUNNING, ''),
-        (CycleEvent.FINISHED, Status.STANDING, ''),
-    ]
-    for cycle, (event, status, reason) in enumerate(story, start=1):
-        cell.positions = {}
-        cell.hear(CycleEvent(event=event, cycle=cycle, message='d1 has hit its stop'))
-        assert (cell.status, cell.reason) == (status, reason)
-        if event == CycleEvent.RESET:
-            assert cell.positions == joint_positions(machine, machine.home)
-
-
-def test_cycle_without_a_bag_shows_why(cell):
-    cell.hear(CycleEvent(event=CycleEvent.NOT_RECORDED, cycle=3, message='/bags: No space left on device'))
-    assert 'cycle 3 is not recorded: /bags: No space left on device' in status_html(cell)
-
-
-def test_trace_holds_the_commands_of_the_bag(cell, tmp_path):
-    random = np.random.default_rng(1)
-    errors, voltages = random.normal(size=(2, 30, 4)).tolist()
-    bag = record(tmp_path, cell.machine.joints, errors, voltages)
-    trace = read_trace(bag, 7, cell.machine.joints, '/pkm')
-    assert trace.cycle == 7
-    assert np.array_equal(trace.error, errors)
-    assert np.array_equal(trace.voltage, voltages)
-
-
-def test_tool_error_is_the_laser_against_the_planned_poses(cell, tmp_path):
-    """The tool goes 2 um too far in x and 40 urad in phi, from the first move on."""
-    samples, first = 60, 100
-    poses = np.zeros((samples, 4)) + cell.machine.forward(cell.machine.home)
-    poses[20:, 0] += 1e-9  # the start of the move
-    cell.load(1, 'short', 'none', poses)
-    time = np.arange(first * 5e-4, (first + samples) * 5e-4, 8e-4)
-    moved = time >= (first + 20) * 5e-4
-    rows = [[t, 5e-6 + m * 2e-6, 5e-6, 5e-6, m * 4e-5] for t, m in zip(time.tolist(), moved.tolist(), strict=True)]
-    zeros = np.zeros((samples, 4)).tolist()
-    bag = record(tmp_path, cell.machine.joints, zeros, zeros, laser=rows)
-    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
-    assert cell.tool.cycle == 1
-    assert cell.tool.time[-1] == pytest.approx((time - time[0])[-1])
-    assert 1e6 * cell.tool.error[-1] == pytest.approx([-2.0, 0.0, 0.0, -2.0], abs=2e-3)
-    assert '<span data-tool>x 2.0, y 0.0, z 0.0, phi 2.0</span> um' in status_html(cell)
-
-
-@pytest.mark.parametrize('bag_first', [True, False])
-def test_best_trace_is_that_of_the_best_cycle(cell, tmp_path, bag_first):
-    zeros = np.zeros((3, 4)).tolist()
-    for cycle, error in ((1, 5e-6), (2, 1e-6), (3, 2e-6)):
-        bag = record(tmp_path, cell.machine.joints, zeros, zeros, name=f'bag{cycle}')
-        event = CycleEvent(event=CycleEvent.RECORDED, cycle=cycle, bag=str(bag))
-        steps = [lambda event=event: cell.hear(event), lambda c=cycle, e=error: measure(cell, c, *4 * [e])]
-        for step in steps if bag_first else reversed(steps):
-            step()
-    assert (cell.best.cycle, cell.latest.cycle) == (2, 3)
-
-
-def test_missing_bag_is_reported_and_the_last_trace_kept(cell, tmp_path):
-    zeros = np.zeros((3, 4)).tolist()
-    bag = record(tmp_path, cell.machine.joints, zeros, zeros)
-    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=1, bag=str(bag)))
-    assert cell.latest.cycle == 1
-    cell.hear(CycleEvent(event=CycleEvent.RECORDED, cycle=2, bag=str(tmp_path / 'elsewhere')))
-    assert cell.latest.cycle == 1
-    assert cell.no_trace == f'{tmp_path / "elsewhere"}: no such bag on this computer'
-
-
-def test_bag_of_another_cell_is_refused(cell, tmp_path):
-    bag = record(tmp_path, ('x', 'y'), np.zeros((3, 2)).tolist(), np.zeros((3, 2)).tolist())
-    with pytest.raises(BagError, match=r'has no tick with a command of every joint of \[.d1'):
-        read_trace(bag, 1, cell.machine.joints, '/pkm')
-    (next(bag.glob('*.mcap'))).write_bytes(b'\x89MCAP0\r\nnonsense')
-    with pytest.raises(BagError, match='cannot be read as a bag'):
-        read_trace(bag, 1, cell.machine.joints, '/pkm')
-
-
-def test_text_from_the_graph_is_escaped(cell):
-    cell.hear(CycleEvent(event=CycleEvent.FAULT, message='<script>'))
-    cell.hear(CycleEvent(event=CycleEvent.REFUSED, source='<b>', message='<i>'))
-    cell.motion = '<u>'
-    for html in (status_html(cell), notice_html(cell), nodes_html(cell)):
-        assert not any(tag in html for tag in ('<script>', '<b>', '<i>', '<u>'))
-
-
-# the node
 
 
 def test_dashboard_reads_the_machine_parameter_of_each_machine(graph, dashboard):
@@ -199,6 +55,37 @@ def test_dashboard_reads_the_machine_parameter_of_each_machine(graph, dashboard)
     metrics = graph.publisher(CycleMetrics, 'd3/cycle_metrics')
     metrics.publish(CycleMetrics(cycle=4, joint='d3', max_dynamic_error=1e-6))
     graph.spin_until(lambda: dashboard.cell.errors == {4: {'d3': 1e-6}}, 'metrics of the new machine')
+
+
+def test_geometry_exchanged_in_the_cell_is_drawn(graph, dashboard, tmp_path):
+    graph.start(MachineNode, machine='planar')
+    graph.spin_until(lambda: dashboard.cell.machine, 'the machine to be known')
+    drawn, file = load_geometry('planar'), tmp_path / 'planar.yaml'
+    file.write_text(drawn.text + BUILT)
+    announced = {'file': str(file), 'geometry': drawn.exchanged(str(file), file.read_text()).digest}
+    publisher = graph.publisher(Geometry, 'geometry', LAST_VALUE_QOS)
+    publisher.publish(Geometry(node='state_estimator', **announced))
+    publisher.publish(Geometry(node='trajectory_generator', **announced))
+    graph.spin_until(lambda: dashboard.cell.geometry.startswith('calibrated'), 'the lengths of the file')
+    assert dashboard.cell.machine.config.built.l2 == 70.013e-3
+
+
+def test_odd_messages_change_nothing_on_the_page(graph, dashboard, machine):
+    graph.start(MachineNode)
+    graph.spin_until(lambda: dashboard.cell.machine, 'the machine to be known')
+    before = dashboard.cell.positions
+    joints = graph.publisher(JointState, 'joint_states')
+    joints.publish(JointState(name=['d1', 'd3'], position=[1.0]))
+    plans = graph.publisher(SampledTrajectory, 'pose_trajectory')
+    for position in ([], [0.0, 1.0, 2.0]):
+        odd = SampledTrajectory(motion='odd', coordinates=list(machine.coordinates), position=position)
+        plans.publish(odd)
+    graph.publisher(CycleMetrics, 'd1/cycle_metrics').publish(CycleMetrics(cycle=1, joint='<b>'))
+    odd = Geometry(node='trajectory_generator', file='/dev/zero', geometry='0' * 12)
+    graph.publisher(Geometry, 'geometry', LAST_VALUE_QOS).publish(odd)
+    graph.spin_until(lambda: 'is no regular file' in dashboard.cell.geometry, 'the refusal of the file')
+    graph.spin_in_silence()
+    assert (dashboard.cell.positions, dashboard.cell.motion, dashboard.cell.errors) == (before, '', {})
 
 
 def test_restarted_machine_resets_the_cycle_number(graph, dashboard, machine):
@@ -282,6 +169,9 @@ def test_buttons_without_a_cell_name_the_missing_node(graph, dashboard, machine)
         (('stop',), 'trajectory_generator'),
         (('brake',), 'machine'),
         (('reset',), 'machine'),
+        (('pause', True), 'machine'),
+        (('step',), 'machine'),
+        (('pace', 0.5), 'machine'),
     ):
         dashboard.fulfil(wish)
         assert f'no {missing} offers' in dashboard.cell.notice.text
@@ -297,6 +187,46 @@ def test_stop_cancels_the_goal_of_another_client(graph, dashboard):
     graph.spin_until(lambda: other.cell.motion, 'the goal to be planned')
     dashboard.fulfil(('stop',))
     graph.spin_until(lambda: 'stop: 1 goal(s)' in dashboard.cell.notice.text, 'the goal to be cancelled')
+
+
+def test_pace_pause_and_step_reach_a_machine_that_offers_them(graph, dashboard, machine):
+    """The machine is a stand-in with the agreed names: parameter pace, services machine/pause and machine/step."""
+    stand_in = graph.start(partial(PkmNode, 'machine'))
+    asked = []
+    stand_in.declare_parameter('pace', 0.0)
+    stand_in.create_service(SetBool, 'machine/pause', lambda request, answer: take(asked, request.data, answer))
+    stand_in.create_service(Trigger, 'machine/step', lambda _, answer: take(asked, 'step', answer))
+    dashboard.cell = Cell(machine)
+    pairs = {'state': 'paused', 'pace': '0.5', 'pace reached': '', 'paused': 'true'}
+    values = [KeyValue(key=key, value=value) for key, value in pairs.items()]
+    diagnostics = graph.publisher(DiagnosticArray, '/diagnostics')
+
+    def is_offered():
+        status = DiagnosticStatus(name='/pkm/machine', message='paused', values=values)
+        diagnostics.publish(DiagnosticArray(status=[status]))
+        return dashboard.cell.pace.offered
+
+    graph.spin_until(is_offered, 'the services')
+    pace = dashboard.cell.pace
+    assert (dashboard.cell.status, pace.asked, pace.paused, math.isnan(pace.reached)) == (
+        Status.RUNNING,
+        0.5,
+        True,
+        True,
+    )
+    for wish in (('pause', False), ('step',), ('pace', 0.25)):
+        before = dashboard.cell.notice
+        dashboard.fulfil(wish)
+        graph.spin_until(lambda before=before: dashboard.cell.notice is not before, f'the answer to {wish}')
+        assert dashboard.cell.notice.good
+    assert asked == [False, 'step']
+    assert stand_in.get_parameter('pace').value == 0.25
+
+
+def take(asked, what, answer):
+    asked.append(what)
+    answer.success = True
+    return answer
 
 
 def test_reset_shows_the_answer_of_the_machine(graph, dashboard):

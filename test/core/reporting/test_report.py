@@ -11,6 +11,7 @@ import pytest
 from pkm_core.bag.cycle_record import read_cycle
 from pkm_core.errors import PkmError
 from pkm_core.motion.metrics import axis_metrics
+from pkm_core.reporting.facts import parameters_table
 from pkm_core.reporting.histories import ARM, end_point_histories, joint_histories, laser_histories
 from pkm_core.reporting.report import write_report
 from pkm_core.reporting.runs import read_run, read_runs
@@ -129,6 +130,50 @@ def test_tables_compare_two_runs_and_the_thesis(page, make_cycle):
     assert ['', 'd7', *errors, '', '', '140.2', '47.0', '5.6'] in page.cells, 'the planar machine has no d7'
     assert ['machine', 'four_dof', 'planar'] in page.cells
     assert ['seed', '7', '7'] in page.cells
+
+
+def test_page_begins_with_the_outcome_and_one_table(report, page):
+    """The sentence has the figures of the table; everything else follows the second heading."""
+    text = (report[0] / 'report.html').read_text()
+    begin = text[text.index('</h1>') : text.index('<h2')]
+    _, _, figures = report
+    first, last = (figures['runs'][0]['joints'][cycle] for cycle in (1, 2))
+    before, after = (max(axes.values(), key=lambda axis: axis['max_dynamic_error_um']) for axes in (first, last))
+    numbers = [each['max_dynamic_error_um'] for each in (before, after)]
+    assert f'went from {numbers[0]:.1f} um (d7) in cycle 1 to {numbers[1]:.1f} um (d7) in cycle 2, 10.0 times' in begin
+    assert begin.count('<table>') == 1
+    d7 = next(row for row in page.cells if row[0] == 'd7')
+    settled = last['d7']['settling_5um_ms']
+    assert d7 == ['d7', f'{numbers[0]:.1f}', f'{numbers[1]:.1f}', f'{settled:.1f}', '', '', '', '5.6']
+
+
+def test_settings_have_readable_names_and_long_tables_are_folded(report, page, start_recording_in, tmp_path):
+    text = (report[0] / 'report.html').read_text()
+    assert text.count('<details>') == page.tags.count('summary') == 2, 'the messages of each run'
+    assert ['learning law', 'fourier', 'fourier'] in page.cells
+    facts = {'machine': 'four_dof', 'parameters': '{"machine": {"seed": 1, "pace": 0.5}, "laser": {"session": ""}}'}
+    recording = start_recording_in(tmp_path / 'bags', metadata=facts)
+    recording.ticks()
+    recording.close()
+    write_report([tmp_path], tmp_path / 'out')
+    cells = Page(tmp_path / 'out' / 'report.html').cells
+    assert ['machine', 'seed', '1'] in cells
+    assert ['', 'pace', '0.5'] in cells
+    assert ['laser', 'session', '-'] in cells
+    assert not any(row[:1] == ['parameters'] for row in cells)
+
+
+@pytest.mark.parametrize('parameters', ['{', '[1]', '"text"', '{"machine": 3}', ''])
+def test_odd_parameters_of_a_bag_are_left_out(make_run, tmp_path, parameters):
+    run = read_run(make_run(tmp_path))
+    assert parameters_table(replace(run, facts=run.facts | {'parameters': parameters})) is None
+
+
+def test_page_follows_dark_scheme_and_narrow_windows(report):
+    text = (report[0] / 'report.html').read_text()
+    assert '@media (prefers-color-scheme: dark)' in text
+    assert '@media (max-width: 600px)' in text
+    assert '<meta name="viewport" content="width=device-width' in text
 
 
 def test_incomplete_bag_is_omitted_with_a_remark(report):

@@ -5,11 +5,20 @@ from io import BytesIO
 from pkm_core.files import refused_if_unwritable, writable_folder
 from pkm_core.recording.provenance import git_revision
 from pkm_core.reporting import figures
+from pkm_core.reporting.facts import facts_table, parameters_table
 from pkm_core.reporting.histories import ARM
-from pkm_core.reporting.page import figure_fragment, page, remark_fragment, table_fragment
+from pkm_core.reporting.outcome import outcome_sentence, outcome_table
+from pkm_core.reporting.page import (
+    figure_fragment,
+    folded_fragment,
+    lead_fragment,
+    page,
+    remark_fragment,
+    table_fragment,
+)
 from pkm_core.reporting.runs import read_runs
 from pkm_core.reporting.summary import cycle_figures, messages
-from pkm_core.reporting.tables import facts_table, messages_table, moves_table, run_figures, space_tables
+from pkm_core.reporting.tables import messages_table, moves_table, run_figures, space_tables
 from pkm_core.reporting.tool import path_table, tool_figures
 
 _ABOUT = (
@@ -57,18 +66,18 @@ def write_report(folders, out, on_step=lambda text: None):
     numbers = [run_figures(run) for run in runs]
     counts = [messages(run.records) for run in runs]
     sections = [
-        ('Runs', [table_fragment(facts_table(runs)), *_remarks(runs)]),
-        ('Tables', [table_fragment(table) for table in _tables(runs, numbers)] + [remark_fragment(_ABOUT)]),
+        ('All figures', [table_fragment(table) for table in _tables(runs, numbers)] + [remark_fragment(_ABOUT)]),
     ]
     with refused_if_unwritable(out):
         for heading, drawings in _FIGURES.items():
             on_step(f'drawing: {heading.lower()}')
             sections.append((heading, [_draw(drawing, runs, out) for drawing in drawings]))
         sections[-1][1].extend(table_fragment(moves_table(run)) for run in runs)
-        account = [table_fragment(messages_table(run, count)) for run, count in zip(runs, counts, strict=True)]
-        sections.append(('Messages', account))
+        sections.append(('Settings and messages', _settings(runs, counts)))
         title = ' and '.join(f'{run.machine.name}, {run.records[-1].motion}: {run.name}' for run in runs)
-        (out / 'report.html').write_text(page(title, sections), encoding='utf-8')
+        lead = [lead_fragment(outcome_sentence(run, number)) for run, number in zip(runs, numbers, strict=True)]
+        lead += [table_fragment(outcome_table(runs, numbers)), *_unused(runs)]
+        (out / 'report.html').write_text(page(title, sections, lead), encoding='utf-8')
     return runs, {
         'runs': [
             {
@@ -92,10 +101,21 @@ def _tables(runs, numbers):
     return [*space_tables(runs, numbers), *([path] if path else [])]
 
 
-def _remarks(runs):
-    """Return the list of unused bags, and the origin of the page."""
-    remarks = [f'{run.name}: not used: {remark}' for run in runs for remark in run.remarks]
-    return [remark_fragment(text) for text in (*remarks, f'written by pkm report, revision {git_revision()}')]
+def _unused(runs):
+    """Return the list of unused bags."""
+    return [remark_fragment(f'{run.name}: not used: {remark}') for run in runs for remark in run.remarks]
+
+
+def _settings(runs, counts):
+    """Return the settings of the runs; the parameters of the nodes and the account of the messages are folded."""
+    fragments = [table_fragment(facts_table(runs))]
+    for run, count in zip(runs, counts, strict=True):
+        parameters = parameters_table(run)
+        if parameters is not None:
+            fragments.append(folded_fragment(parameters.title, [table_fragment(parameters)]))
+        messages_of_run = messages_table(run, count)
+        fragments.append(folded_fragment(messages_of_run.title, [table_fragment(messages_of_run)]))
+    return [*fragments, remark_fragment(f'written by pkm report, revision {git_revision()}')]
 
 
 def _draw(drawing, runs, out):

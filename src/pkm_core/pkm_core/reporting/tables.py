@@ -72,15 +72,16 @@ def _space_table(title, space, runs, figures):
     for quantity, (label, form) in QUANTITIES.items():
         reported = theirs.values.get(quantity, {}) if theirs else {}
         for axis in axes:
-            row = [_cell(of_cycle[axis][quantity], form, 'never') if axis in of_cycle else '' for _, of_cycle in ours]
+            row = [cell(of_cycle[axis][quantity], form, 'never') if axis in of_cycle else '' for _, of_cycle in ours]
             if theirs:
                 missing = [''] * len(theirs.columns)
-                row += [_cell(v, form, 'lost') for v in reported[axis]] if axis in reported else missing
+                row += [cell(v, form, 'lost') for v in reported[axis]] if axis in reported else missing
             rows.append([label if axis == axes[0] else '', axis, *row])
     return Table(title, headings, rows)
 
 
-def _cell(value, form, instead):
+def cell(value, form, instead):
+    """Return a number as text, and `instead` for None."""
     if value is None:
         return instead
     text = form.format(value)
@@ -97,19 +98,8 @@ def moves_table(run):
         headings += [f'cycle {record.cycle}, move {n + 1}' for n in range(len(record.move_starts))]
     for axis in cycles[0]:
         settled = [axis_figures(metrics)['settling_5um_ms'] for moves in cycles for metrics in moves[axis]]
-        rows.append([axis, *(_cell(value, '{:.1f}', 'never') for value in settled)])
+        rows.append([axis, *(cell(value, '{:.1f}', 'never') for value in settled)])
     return Table(f'{run.name}: settling to 5 um after each move [ms]', headings, rows)
-
-
-def facts_table(runs):
-    """Return the table of the settings of the runs."""
-    keys = dict.fromkeys(key for run in runs for key in run.facts)
-    rows = [[key, *(_fact(run.facts.get(key, '')) for run in runs)] for key in keys]
-    return Table('', ['', *(run.name for run in runs)], rows)
-
-
-def _fact(value):
-    return f'{value:.6g}' if isinstance(value, float) else str(value)
 
 
 def messages_table(run, messages):

@@ -35,9 +35,11 @@ def drive(console, machine_name, arrangement, namespace, cell_options, goal, out
     Parameters
     ----------
     console : Output
+        For progress and hints.
     machine_name, arrangement, namespace, cell_options
         As for `CellProcesses`.
     goal : RunGoal
+        What the cell does.
     out : Path
         Folder of the cell.
 

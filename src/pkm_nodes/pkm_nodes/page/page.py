@@ -10,10 +10,12 @@ from queue import Empty, SimpleQueue
 import viser
 
 from pkm_core.errors import PkmError
-from pkm_nodes.page.charts import Charts
-from pkm_nodes.page.controls import Controls
+from pkm_nodes.page.controls import JogControls, PaceControls, RunControls
+from pkm_nodes.page.cycle_panel import CyclePanel
 from pkm_nodes.page.panels import nodes_html, notice_html, status_html
-from pkm_nodes.page.scene import Scene
+from pkm_nodes.page.player_controls import PlayerControls
+from pkm_nodes.page.scene import VIEWS, Scene
+from pkm_nodes.page.style import HEAD
 
 # [px] width of the panels; 490 px of a window of 1200 px are left for the machine
 _LEFT, _RIGHT = 315, 395
@@ -39,6 +41,7 @@ class Page:
         _check_free(host, port)
         self._wishes = SimpleQueue()  # filled in threads of viser; ROS is served in another one
         self._machine = None
+        self._scene = self._jog = None
         self._parts = ()
         self._texts = {}
         with redirect_stdout(StringIO()):  # the caller prints the address
@@ -59,10 +62,12 @@ class Page:
                 return found
 
     def show(self, cell):
-        """Update the page from `cell`."""
+        """Update the page from a `Cell` or a `Player`."""
         if cell.machine is not self._machine:
-            self._build(cell.machine)
+            self._take(cell.machine, cell.player)
         with self._server.atomic():
+            if self._scene is not None:
+                self._scene.show(cell)
             for part in self._parts:
                 part.show(cell)
             for make, element in self._texts.items():
@@ -80,28 +85,65 @@ class Page:
         """End the server; browsers keep the last picture and reconnect to the next server on this port."""
         self._server.stop()
 
-    def _build(self, machine):
-        """Build the page for `machine`, None without a cell."""
+    def _take(self, machine, player):
+        """Show another machine; of the same one with other lengths only the drawing and the reach change."""
+        if self._jog is None or machine is None or machine.name != self._machine.name:
+            self._build(machine, player)
+            return
         self._machine = machine
-        gui, scene = self._server.gui, self._server.scene
+        self._server.scene.reset()
+        self._draw()
+        self._jog.take(machine)
+
+    def _build(self, machine, player=None):
+        """Build the page for `machine`, None without a cell, with the controls of `player` if there is one."""
+        self._machine, self._scene, self._jog, self._parts = machine, None, None, ()
+        gui = self._server.gui
         gui.reset()
-        scene.reset()
-        gui.set_panel_label('Cell' if machine is None else f'Cell: {machine.name}')
+        self._server.scene.reset()
+        gui.set_panel_label('Cell' if machine is None else f'{"Cell" if player is None else "Bag"}: {machine.name}')
         gui.main_panel.dock_left()
         gui.main_panel.set_width(_LEFT)
-        self._parts, self._texts = (), {make: gui.add_html('') for make in (status_html, notice_html)}
+        gui.add_html(HEAD)
+        self._texts = {make: gui.add_html('') for make in (status_html, notice_html)}
         if machine is None:
             return
-        drawing = Scene(scene, self._server.initial_camera, machine)
-        Controls(gui, machine, lambda *wish: self._wishes.put(wish), drawing.aim)
-        with gui.add_folder('Nodes'):
-            self._texts[nodes_html] = gui.add_html('')
+        self._draw()
+        if player is None:
+            controls = self._add_operation(gui, machine)
+        else:
+            controls = [PlayerControls(gui, player, self._wish)]
+            self._add_views(gui)
         panel = gui.add_panel()
-        with panel.add_tab('Cycles'):
-            charts = Charts(gui, machine)
+        cycles = CyclePanel(gui, panel, machine, self._wish)
         panel.dock_right()
         panel.set_width(_RIGHT)
-        self._parts = (drawing, charts)
+        panel.expand()  # on a phone it would start closed
+        self._parts = (*controls, cycles)
+
+    def _add_operation(self, gui, machine):
+        """Add the tabs of a cell; return what is to be updated."""
+        tabs = gui.add_tab_group()
+        with tabs.add_tab('Operate'):
+            run, pace = RunControls(gui, machine, self._wish), PaceControls(gui, self._wish)
+            self._jog = JogControls(gui, machine, self._wish, self._aim)
+            self._add_views(gui)
+        with tabs.add_tab('Nodes'):
+            self._texts[nodes_html] = gui.add_html('')
+        return [run, pace]
+
+    def _aim(self, offsets):
+        self._scene.aim(offsets)  # the scene is exchanged with the lengths of the machine
+
+    def _add_views(self, gui):
+        views = gui.add_button_group('view', tuple(VIEWS))
+        views.on_click(lambda event: event.client and self._scene.place(event.client.camera, views.value))
+
+    def _draw(self):
+        self._scene = Scene(self._server.scene, self._server.initial_camera, self._machine)
+
+    def _wish(self, *wish):
+        self._wishes.put(wish)
 
 
 def _check_free(host, port):

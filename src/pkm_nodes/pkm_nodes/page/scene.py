@@ -8,6 +8,13 @@ from pkm_nodes.page.cell import home_pose
 # [m] from the centre of the machine to the camera
 _EYE = np.array([-0.335, -0.40, 0.29])
 _FIELD_OF_VIEW = np.radians(44.0)
+# views: direction from the machine to the camera, and what is up
+VIEWS = {
+    '3D': (_EYE / np.linalg.norm(_EYE), (0.0, 0.0, 1.0)),
+    'top': ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
+    'front': ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+    'side': ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+}
 _RED = (214, 39, 40)
 
 
@@ -54,11 +61,18 @@ class Scene:
         self._target.wxyz = (np.cos(half), 0.0, 0.0, np.sin(half))
         self._target.visible = any(offsets.values())
 
+    def place(self, camera, view='3D'):
+        """Move the camera of one browser, or the initial one, to one of `VIEWS`."""
+        direction, up = VIEWS[view]
+        middle = np.array([self._home['x'], self._home['y'], 0.35 * self._home.get('z', 0.0)])
+        camera.up = up
+        camera.position, camera.look_at = middle + np.linalg.norm(_EYE) * np.array(direction), middle
+        camera.fov = _FIELD_OF_VIEW
+
     def _add_surroundings(self, camera):
         floor = {'cell_size': 0.01, 'section_size': 0.05, 'shadow_opacity': 0.2}
         self._scene.add_grid('/floor', 0.4, 0.4, position=(0.1, 0.1, -0.021), **floor)
-        middle = np.array([self._home['x'], self._home['y'], 0.35 * self._home.get('z', 0.0)])
-        camera.position, camera.look_at, camera.fov = middle + _EYE, middle, _FIELD_OF_VIEW
+        self.place(camera)
 
     def _add_boxes(self, path, boxes):
         for number, box in enumerate(boxes):
@@ -68,6 +82,9 @@ class Scene:
     def _draw_path(self, path):
         if self._path is not None:
             self._path.remove()
+            self._path = None
+        if path is None or len(path) < 2:
+            return
         few = path[:: max(1, len(path) // 200)]
         segments = np.stack([few[:-1], few[1:]], axis=1)
         self._path = self._scene.add_line_segments('/path', segments, colors=_RED, thickness=8e-4)

@@ -16,12 +16,25 @@ class ToolTrace:
     error: np.ndarray  # (K, m) [m], rotations on `pkm_core.reporting.histories.ARM`
 
 
-def tool_trace(trace, poses, machine):
-    """Return the `ToolTrace` of a `Trace` with the planned `poses` (N, m); None if either is missing or incomplete."""
-    complete = poses is not None and len(trace.error) == len(poses) and len(trace.laser_time) > 1
-    if not complete or trace.laser.shape[1] != poses.shape[1]:
+def tool_trace(cycle, time, displacement, poses, machine):
+    """
+    Return the `ToolTrace` of one cycle, None without a laser or a plan.
+
+    Parameters
+    ----------
+    cycle : int
+        Its number.
+    time, displacement : ndarray, shape (K,), (K, m)
+        Samples of the laser: since the start of the cycle [s]; [m, rad].
+    poses : ndarray, shape (N, m), or None
+        Planned poses at the ticks [m, rad].
+    machine : pkm_core.machines.base.Machine
+        For its sample time and coordinates.
+
+    """
+    if poses is None or len(time) < 2 or displacement.shape[1:] != poses.shape[1:]:
         return None
-    time = trace.laser_time - trace.first_tick * machine.sample_time
     moved = (poses != poses[0]).any(axis=1)
-    reference, measured = laser_path(time, trace.laser, poses, machine.sample_time, int(np.argmax(moved)))
-    return ToolTrace(trace.cycle, time, (reference - measured) * lengths(machine.coordinates))
+    first_move = int(np.argmax(moved)) if moved.any() else len(poses)
+    reference, measured = laser_path(time, displacement, poses, machine.sample_time, first_move)
+    return ToolTrace(cycle, time, (reference - measured) * lengths(machine.coordinates))

@@ -119,8 +119,7 @@ def run(
             _print_tables(console, goal.machine.name, end.records)
         for line in end.losses:
             console.plain(line)
-        raise PkmError(f'{end}
-logs and bags of the cell are in {out}') from None
+        raise PkmError(f'{end}\nlogs and bags of the cell are in {out}') from None
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     log, records = driven.log, driven.records
