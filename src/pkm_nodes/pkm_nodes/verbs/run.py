@@ -34,10 +34,10 @@ from pkm_core.verbs.options import (
     run_folder,
     write_figures,
 )
-from pkm_nodes.clients.run_driver import EndedEarlyError, drive
 from pkm_nodes.clients.run_goal import DEFAULT_LAWS, RunGoal
 from pkm_nodes.graph import NAMESPACE, cell_nodes, namespace_of
 from pkm_nodes.runtime.discovery import discover_on_this_computer
+from pkm_nodes.verbs.run_driver import EndedEarlyError, drive
 
 
 def _nodes(ctx: typer.Context, incomplete: str):
