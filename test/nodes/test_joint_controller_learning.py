@@ -75,10 +75,14 @@ def refuses(learning):
     learning.will_refuse('learning d3: not today')
 
 
-@pytest.mark.parametrize('fails', [refuses, answers_too_short, answers_nan, answers_too_much])
+def is_of_another_cell(learning):
+    learning.will_answer([2.0] * SAMPLES, session='other')
+
+
+@pytest.mark.parametrize('fails', [refuses, answers_too_short, answers_nan, answers_too_much, is_of_another_cell])
 def test_failed_learning_keeps_the_feedforward(graph, axis, learning, fails):
     """The next request continues from it, with the same iteration."""
-    graph.start(JointControllerNode, joint='d3')
+    graph.start(JointControllerNode, joint='d3', session='mine')
     learning.will_answer([1.0] * SAMPLES)
     fails(learning)
     learning.will_answer([3.0] * SAMPLES)
@@ -89,6 +93,7 @@ def test_failed_learning_keeps_the_feedforward(graph, axis, learning, fails):
         if cycle < 4:
             graph.spin_until(lambda n=cycle: len(learning.requests) == n, 'a request to learn')
     assert applied == [0.0, 1.0, 1.0, 3.0]
+    assert {request.session for request in learning.requests} == {'mine'}
     assert [request.iteration for request in learning.requests[:3]] == [0, 1, 1]
 
 

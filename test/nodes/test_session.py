@@ -6,7 +6,7 @@ from rclpy.parameter import Parameter
 from pkm_core.errors import PkmError
 from pkm_core.servo import cycle_run
 from pkm_interfaces.msg import CycleEvent, MotorCommand
-from pkm_interfaces.srv import SaveLearned
+from pkm_interfaces.srv import SaveLearned, UpdateFeedforward
 from pkm_nodes.nodes.learning import LearningNode
 from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
@@ -66,6 +66,13 @@ def test_request_of_another_session_saves_nothing(graph, tmp_path):
     assert not answer.success
     assert "session 'other'; this cell has session 'mine'" in answer.message
     assert not list(tmp_path.iterdir())
+
+
+def test_error_of_another_session_is_not_learned(graph):
+    graph.start(LearningNode, session='mine')
+    answer = graph.call(UpdateFeedforward, 'learning/update', UpdateFeedforward.Request(session='other', joint='d1'))
+    assert (answer.success, answer.session) == (False, 'mine')
+    assert answer.message == "learning/update: for the cell of session 'other'; this cell has session 'mine'"
 
 
 def test_second_machine_is_refused_and_the_first_named(graph):

@@ -60,14 +60,14 @@ class Learning:
 
     def _on_update(self, request, response):
         self.requests.append(request)
-        response.success, response.message, response.feedforward = self.answers.pop(0)
+        response.success, response.message, response.feedforward, response.session = self.answers.pop(0)
         return response
 
-    def will_answer(self, feedforward):
-        self.answers.append((True, '', array('d', feedforward)))
+    def will_answer(self, feedforward, session=''):
+        self.answers.append((True, '', array('d', feedforward), session))
 
     def will_refuse(self, message):
-        self.answers.append((False, message, array('d')))
+        self.answers.append((False, message, array('d'), ''))
 
 
 def feedforward_of(commands):

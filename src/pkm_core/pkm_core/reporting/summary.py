@@ -42,6 +42,22 @@ def messages(records):
     return {topic: {'recorded': recorded[topic], 'expected': expected.get(topic)} for topic in sorted(recorded)}
 
 
+def account(counts):
+    """Return lines on the `messages` of a run: how many are recorded, which are lost, and a surplus."""
+    counted = {topic: entry for topic, entry in counts.items() if entry['expected'] is not None}
+    recorded, expected = (sum(entry[key] for entry in counted.values()) for key in ('recorded', 'expected'))
+    lost = {topic: entry['expected'] - entry['recorded'] for topic, entry in counted.items()}
+    lost = {topic: count for topic, count in lost.items() if count > 0}
+    surplus = recorded - expected + sum(lost.values())
+    lines = [f'{recorded} messages recorded of {expected} expected: {sum(lost.values())} lost']
+    if lost:
+        topics = ', '.join(f'{count} of {topic}' for topic, count in lost.items())
+        lines.append(f'lost: {topics}; the nodes that publish them were stopped or too slow')
+    if surplus:
+        lines.append(f'{surplus} messages more than expected: topics of the cell have further publishers')
+    return lines
+
+
 def cycles_table(machine_name, records):
     """Return the table of the first and the last cycle with the values of the thesis."""
     heading = f'{records[0].motion}, learning law {records[-1].learning_law}:'

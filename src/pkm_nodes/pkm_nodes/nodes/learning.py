@@ -99,7 +99,9 @@ class LearningNode(PkmNode):
             self._finished = event.cycle
 
     def _on_update(self, request, response):
+        response.session = self.session
         try:
+            require_session('learning/update', request.session, self.session)
             error, feedforward = np.array(request.error), np.array(request.feedforward)
             gains = self._gains(request)
             loop = () if gains == self._loop_gains[request.joint] else (request.joint, gains)

@@ -3,7 +3,7 @@
 import os
 import socket
 from contextlib import redirect_stdout
-from errno import errorcode
+from errno import EACCES, EADDRINUSE, errorcode
 from io import StringIO
 from queue import Empty, SimpleQueue
 
@@ -19,6 +19,9 @@ from pkm_nodes.page.style import HEAD
 
 # [px] width of the panels; 490 px of a window of 1200 px are left for the machine
 _LEFT, _RIGHT = 315, 395
+
+# errors that concern the port, not the address
+_OF_PORT = (EACCES, EADDRINUSE)
 
 
 class Page:
@@ -154,4 +157,5 @@ def _check_free(host, port):
         socket.create_server((host, port), family=socket.AF_INET6 if ':' in host else socket.AF_INET).close()
     except (OSError, OverflowError, ValueError, TypeError) as error:  # the last two: no host can have this name
         reason = os.strerror(error.errno) if getattr(error, 'errno', None) in errorcode else error
-        raise PkmError(f'page: cannot listen on {host} port {port}: {reason}; choose another with --port') from None
+        advice = f'choose another with --{"port" if getattr(error, "errno", None) in _OF_PORT else "host"}'
+        raise PkmError(f'page: cannot listen on {host} port {port}: {reason}; {advice}') from None

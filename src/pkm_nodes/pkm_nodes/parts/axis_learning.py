@@ -13,6 +13,7 @@ from pkm_interfaces.msg import CycleEvent
 from pkm_interfaces.msg import RobustGains as RobustGainsMessage
 from pkm_interfaces.srv import UpdateFeedforward
 from pkm_nodes.parts.gain_parameters import gains_to_msg
+from pkm_nodes.runtime.session import belongs
 
 # [s, wall] wait for the learning service, less than that of the machine; after it the next cycle is refused
 LEARNING_TIMEOUT = 9.0
@@ -46,7 +47,7 @@ class AxisLearning:
         self.feedforward, self.notice = np.zeros(0), ''
         self._joint, self._events, self._on_end = joint, events, on_end
         self._sample_time, self._limit = machine.sample_time, machine.voltage_limit
-        self._logger = node.get_logger()
+        self._logger, self._session = node.get_logger(), node.session
         self._service = node.create_client(UpdateFeedforward, 'learning/update')
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._cycle = 0  # the last one that was learned from
@@ -119,6 +120,7 @@ class AxisLearning:
         if not decision.learn:
             return
         request = UpdateFeedforward.Request(
+            session=self._session,
             joint=self._joint,
             law=message.learning_law,
             motion=message.motion,
@@ -142,7 +144,9 @@ class AxisLearning:
         response, samples = future.result(), len(self.feedforward)
         feedforward = np.array(response.feedforward)
         refusal = '' if response.success else f'learning refused: {response.message}'
-        if response.success and (len(feedforward) != samples or not np.isfinite(feedforward).all()):
+        if not belongs(response.session, self._session):
+            refusal = f'learning of session {response.session!r} answered; this cell has session {self._session!r}'
+        elif response.success and (len(feedforward) != samples or not np.isfinite(feedforward).all()):
             refusal = f'learning answered {feedforward} ({len(feedforward)} values); expected {samples} finite ones'
         elif response.success and (peak := np.abs(feedforward).max()) > self._limit:
             refusal = f'learning answered up to {peak:g} V; allowed: at most {self._limit:g} V'

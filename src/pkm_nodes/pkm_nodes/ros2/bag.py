@@ -112,7 +112,7 @@ def read_folder(path):
             ],
         )
     except (YamlError, OSError, KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        reason = str(error) if isinstance(error, YamlError) else repr(error)
+        reason = str(error) if isinstance(error, YamlError) else f'not the metadata of a bag ({error!r})'
         raise RuntimeError(f'Exception on parsing info file: {reason[:300]}') from error
 
 

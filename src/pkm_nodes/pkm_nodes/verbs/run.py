@@ -195,12 +195,9 @@ def _results(goal, cell, arrangement, hash_of_config, log, records):
 
 def _print_account(console, results, out):
     """Print speed, notices, recorded and expected messages."""
+    from pkm_core.reporting.summary import account
     from pkm_nodes.clients.machine_watch import sentence
 
-    counted = [entry for entry in results['messages'].values() if entry['expected'] is not None]
-    recorded, expected = (sum(entry[key] for entry in counted) for key in ('recorded', 'expected'))
-    lost = sum(max(0, entry['expected'] - entry['recorded']) for entry in counted)
-    surplus = recorded - expected + lost
     console.print(
         f'{results["ticks"]} ticks in {len(results["cycles"])} cycles: '
         f'{results["ticks_per_second_in_cycles"]:.0f} ticks/s while moving, '
@@ -210,7 +207,6 @@ def _print_account(console, results, out):
         console.plain(sentence(results['pace']))
     for notice in results['notices']:
         console.plain(notice)
-    console.print(f'{recorded} messages recorded of {expected} expected: {lost} lost')
-    if surplus:
-        console.print(f'{surplus} messages more than expected: topics of the cell have further publishers')
+    for line in account(results['messages']):
+        console.plain(line)
     console.plain(f'bags, results.json and learning.png are in {out}')
