@@ -99,7 +99,7 @@ def test_shipped_law_passes_its_test_beside_the_best_law(name):
 
 
 def test_verb_prints_the_verdict_at_the_tool(capsys):
-    convergence_verb('planar', 'inverse', 'robust', None, None, 'tool')
+    convergence_verb('planar', 'inverse', 'robust', None, None, learning_target='tool')
     assert 'learning at the tool converges: the error up to 110 Hz' in capsys.readouterr().out
 
 

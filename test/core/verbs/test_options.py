@@ -15,7 +15,7 @@ from pkm_core.verbs.options import robust_gains, run_folder, write_figures
 # --arrangement has the simulation where there is one; the other options have their own meaning in each verb
 OWN = {
     *('--out', '--arrangement', '--samples', '--tolerance', '--cycles', '--law', '--environment', '--without'),
-    *('--poses', '--band', '--help'),
+    *('--poses', '--band', '--bag', '--help'),
 }
 
 

@@ -8,6 +8,7 @@ from rclpy.serialization import deserialize_message
 from pkm_core.servo.event_sources import MACHINE
 from pkm_nodes.messages.diagnostics import node_of
 from pkm_nodes.parts.speakers import MachineProcesses
+from pkm_nodes.runtime.discovery import knows_whole_graph
 from pkm_nodes.runtime.groups import SenderGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
 from pkm_nodes.runtime.one_publisher import OnePublisher, participant
@@ -45,7 +46,7 @@ class StatusGate:
             self._look_at = now + _LOOK_EVERY
             self._publisher.look()
         known = self._publisher.participants() or self._machines.participants(participant(sender))
-        return participant(sender) in known
+        return participant(sender) in known or not (known or knows_whole_graph())
 
 
 def subscribe_machine_status(node, callback):

@@ -8,6 +8,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from pkm_core.servo.event_sources import FIRST, MACHINE, topics_of
+from pkm_nodes.runtime.discovery import knows_whole_graph
 from pkm_nodes.runtime.one_publisher import OnePublisher, participant
 
 # [s, wall] between two looks at the graph because of an unknown sender: a flood of events costs no more
@@ -35,7 +36,8 @@ class Speakers:
 
     A source is the process whose publisher was the first on its topic, see `OnePublisher`. The publishers of machine,
     recorder, trajectory sources and `joints` are looked up regularly, those of other sources with their first event. A
-    source that publishes on none of its topics is not in the graph, and nothing is believed of it.
+    source that publishes on none of its topics is not in the graph, and nothing is believed of it, except behind a
+    discovery server: there a node does not know the publishers of topics that it does not subscribe to.
     """
 
     def __init__(self, node, joints=()):
@@ -63,8 +65,11 @@ class Speakers:
         topics = topics_of(event, source)
         if topics is None:
             return False
+        if not topics or not sender:
+            return True
         now, process = monotonic(), participant(sender)
-        return not topics or not sender or any(process in self._participants(each, process, now) for each in topics)
+        found = [self._participants(each, process, now) for each in topics]
+        return any(process in each for each in found) or not (any(found) or knows_whole_graph())
 
     def _participants(self, topic, sender, now):
         """Return the participants that may speak, after a look at the graph if `sender` is not among them."""

@@ -28,3 +28,8 @@ def wait_for(found, timeout):
     while not (answer := found()) and time.monotonic() < deadline:
         time.sleep(POLL)
     return answer
+
+
+def knows_whole_graph():
+    """Return whether a node knows all publishers. Behind a discovery server it knows those of its own topics only."""
+    return not os.environ.get('ROS_DISCOVERY_SERVER')
