@@ -214,7 +214,11 @@ def test_stop_of_another_cycle_has_no_effect(graph, cell, goals, joints, volts):
     ('excited', 'fields', 'reason'),
     [
         (JOINTS[:3], {}, "goal: excitation of ['d1', 'd3', 'd5']; expected one of each of ['d1', 'd3', 'd5', 'd7']"),
-        (JOINTS, {'learning_law': 'fourier'}, "goal: learning_law 'fourier' and move_time 0.0 s with experiment"),
+        (
+            JOINTS,
+            {'learning_law': 'fourier'},
+            "goal: learning_law 'fourier', move_time 0.0 s and stay False",
+        ),
         (JOINTS, {'motion': 'four_dof_70ms'}, "motion 'four_dof_70ms', 0 poses and experiment 'd3_sweep_0'; give one"),
     ],
 )

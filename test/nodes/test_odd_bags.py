@@ -2,6 +2,7 @@
 
 import os
 from argparse import Namespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pkm_nodes.page.trace import read_trace
 from pkm_nodes.ros2.bag import info
 
 KIND = 'pkm_interfaces/msg/MotorCommand'
+ONE_JOINT = SimpleNamespace(joints=('d1',), coordinates=('x',), sample_time=0.5e-3)
 
 
 @pytest.fixture
@@ -40,7 +42,7 @@ def told(path):
 
 
 def test_trace_of_a_whole_bag_is_read(bag):
-    assert np.array_equal(read_trace(bag, 1, ['d1'], '/pkm').voltage[:, 0], 0.1 * np.arange(300))
+    assert np.array_equal(read_trace(bag, 1, ONE_JOINT, '/pkm').voltage[:, 0], 0.1 * np.arange(300))
 
 
 @pytest.mark.parametrize('damage', ['cut', 'flipped', 'pipe', 'folder', 'empty'])
@@ -56,7 +58,7 @@ def test_trace_of_a_damaged_bag_is_refused_in_one_line(bag, damage):
         content[len(content) // 4] ^= 0xFF
         file.write_bytes({'cut': content[:-500], 'flipped': content, 'empty': b''}[damage])
     with pytest.raises(BagError) as refusal:
-        read_trace(bag, 1, ['d1'], '/pkm')
+        read_trace(bag, 1, ONE_JOINT, '/pkm')
     assert '\n' not in str(refusal.value)
 
 

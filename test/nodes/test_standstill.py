@@ -44,7 +44,7 @@ def test_stamp_at_standstill_is_that_of_no_tick(tick):
 
 
 def test_standing_machine_reports_its_motors_again_and_again(graph, machine):
-    heard = graph.listen(JointState, 'machine/standstill')
+    heard = graph.listen(Standing, 'machine/standing')
     graph.start(MachineNode)
     graph.spin_until(lambda: len(heard) >= 3, 'three reports')
     assert tuple(heard[0].joints) == machine.joints
@@ -58,7 +58,7 @@ def test_moving_machine_reports_no_standstill(graph, controllers):
     graph.start(MachineNode)
     controllers.load(1, 10)
     graph.next_event(CycleEvent.STARTED)
-    heard = graph.listen(JointState, 'machine/standstill')
+    heard = graph.listen(Standing, 'machine/standing')
     graph.spin_in_silence()
     assert not heard
     for tick in range(10):
@@ -74,7 +74,7 @@ def test_reset_reports_the_machine_at_home(graph, controllers, machine):
     for tick in range(30):
         controllers.wait_for(tick)
         controllers.answer(tick, 5.0)
-    heard = graph.listen(JointState, 'machine/standstill')
+    heard = graph.listen(Standing, 'machine/standing')
     graph.call(Trigger, 'machine/stop')
     graph.spin_until(lambda: heard, 'the report after the stop')
     assert np.abs(np.array(heard[-1].position) - machine.home).max() > 1e-4

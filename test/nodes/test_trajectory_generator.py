@@ -178,7 +178,10 @@ def test_computed_torque_accepts_only_goals_without_learning(graph, goals, stand
     ('parameters', 'text'),
     [
         ({'machine': 'five_dof'}, r"machines: 'five_dof' is unknown"),
-        ({'control': 'soft'}, r"control: 'soft' given; allowed: \['robust', 'computed_torque'\], .*'four_dof_thesis'"),
+        (
+            {'control': 'soft'},
+            r"control: 'soft' given; allowed: \['robust', 'computed_torque', 'observer'\], .*'four_dof_thesis'",
+        ),
         ({'start_timeout': math.nan}, r'/pkm/trajectory_generator: start_timeout is nan; expected a positive, finite'),
         ({'metrics_timeout': -1.0}, r'/pkm/trajectory_generator: metrics_timeout is -1.0; expected a positive, finite'),
         ({'timeout': 1.0}, r"trajectory_generator has unknown parameter\(s\) \['timeout'\]; known: .*'start_timeout'"),

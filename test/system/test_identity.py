@@ -37,7 +37,7 @@ def cell(tmp_path_factory):
         cell = CellProcesses('four_dof', 'composed', seed=1, environment='nominal', folder=tmp_path_factory.mktemp('a'))
         with cell, CellClient(session=cell.session) as client:
             client.wait_until_up(cell.check)
-            client.log = client.execute('four_dof_70ms', 1, 'none', cell.check, lambda feedback: None)
+            client.execute('four_dof_70ms', 1, 'none', cell.check, lambda feedback: None)
             cell.client = client
             yield cell
 

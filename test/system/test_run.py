@@ -290,7 +290,7 @@ def test_bags_are_read_by_rosbags_and_mcap(runs):
     [
         (['--machine', 'hexapod'], "machines: 'hexapod' is unknown"),
         (['--motion', 'planar_80ms'], 'planar'),
-        (['--controller', 'soft'], "control: 'soft' given; allowed: ['robust', 'computed_torque']"),
+        (['--controller', 'soft'], "control: 'soft' given; allowed: ['robust', 'computed_torque', 'observer']"),
         (
             ['--controller', 'computed_torque', '--law', 'basis'],
             "'basis' given; --controller computed_torque does not learn",

@@ -261,7 +261,7 @@ def test_gains_with_too_small_margins_are_refused_with_values(changed, reason):
 def test_margins_verb_writes_figures_and_pictures(tmp_path):
     app = typer.Typer()
     app.command()(margins_verb)
-    out = ['--out', str(tmp_path), '--json', str(tmp_path / 'margins.json')]
+    out = ['--out', str(tmp_path), '--json', str(tmp_path / 'margins.json'), '--overwrite']
     for controller in ('robust', 'computed_torque'):
         result = CliRunner().invoke(app, ['--machine', 'xy_stage', '--controller', controller, *out])
         assert result.exit_code == 0, result.output

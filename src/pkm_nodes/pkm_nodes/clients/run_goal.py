@@ -31,16 +31,21 @@ class RunGoal:
         law = '' if self.law == 'none' else str(law_file(self.law).resolve().parent)
         return {'plugins': law, 'learned': self.save_learned.resolve().parent if self.save_learned else ''}
 
-    def hash_of_files(self, machine_name, cell):
-        """Return the configuration hash of the files as they are now; `cell` is the options of the cell."""
+    def hashes_of_files(self, machine_name, cell):
+        """
+        Return the configuration hashes that the files, as they are now, may have; `cell` is the options of the cell.
+
+        They are one with the truth of the simulated machine and, if another machine may run, one without.
+        """
         from pkm_core.recording.provenance import config_hash, loop_hash, machine_hash, truth_hash
 
         loops = [loop_hash(self.machine, cell['control'], machine_hash(machine_name))]
-        if 'machine' not in cell['without']:
-            loops.append(truth_hash(self.machine))
         learns_at_tool = cell['learning_target'] == 'tool' and 'tool_learning' not in cell['without']
         tool_law = {'tool_law': 'laser'} if learns_at_tool else {}
-        return config_hash(loops, Path(self.motion).stem, self.law, **tool_law)
+        found = {config_hash([*loops, truth_hash(self.machine)], Path(self.motion).stem, self.law, **tool_law)}
+        if 'machine' in cell['without']:
+            found.add(config_hash(loops, Path(self.motion).stem, self.law, **tool_law))
+        return found
 
     @classmethod
     def checked(cls, machine_name, motion, cycles, law, controller, learned, save_learned, learning_target):

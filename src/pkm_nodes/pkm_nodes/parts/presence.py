@@ -1,5 +1,7 @@
 """Detects that the publishers of a topic have left the graph, killed or replaced ones included."""
 
+from pkm_nodes.runtime.one_publisher import node_name
+
 
 class Presence:
     """
@@ -17,7 +19,7 @@ class Presence:
     def has_ended(self):
         """Return whether none of the publishers seen first is left."""
         now = self._publishers()
-        self._first = self._first or now
+        self._first = {gid: now.get(gid, name) for gid, name in self._first.items()} or now  # names may come later
         return bool(self._first) and not self._first.keys() & now.keys()
 
     def names(self):
@@ -26,4 +28,4 @@ class Presence:
 
     def _publishers(self):
         infos = self._node.get_publishers_info_by_topic(self._topic)
-        return {bytes(info.endpoint_gid): f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos}
+        return {bytes(info.endpoint_gid): node_name(info) for info in infos}
