@@ -37,8 +37,7 @@ def cell(tmp_path_factory):
         cell = CellProcesses('four_dof', 'composed', seed=1, environment='nominal', folder=tmp_path_factory.mktemp('a'))
         with cell, CellClient(session=cell.session) as client:
             client.wait_until_up(cell.check)
-            client.execute('four_dof_70ms', 1, 'none', cell.check, lambda feedback: None)
-            cell.client = client
+            cell.client, cell.log = client, client.execute('four_dof_70ms', 1, 'none', cell.check, lambda _: None)
             yield cell
 
 
@@ -74,7 +73,7 @@ def test_goal_for_another_session_moves_nothing(cell, tmp_path):
 
 
 def test_bag_names_its_session_seed_and_environment(cell):
-    (record,) = read_own(cell.client.log.bags, cell)
+    (record,) = read_own(cell.log.bags, cell)
     assert record.facts['session'] == cell.session
     machine = json.loads(record.facts['parameters'])['machine']
     assert (machine['seed'], machine['environment']) == (1, 'nominal')
@@ -90,10 +89,10 @@ def test_bag_names_its_session_seed_and_environment(cell):
     ],
 )
 def test_bag_of_another_cell_gives_no_result(cell, name, value, refusal, monkeypatch):
-    assert read_cycle(cell.client.log.bags[0]).is_whole
+    assert read_cycle(cell.log.bags[0]).is_whole
     monkeypatch.setattr(cell, name, value)
     with pytest.raises(BagError, match=f'not recorded by this cell: .*{refusal}'):
-        read_own(cell.client.log.bags, cell)
+        read_own(cell.log.bags, cell)
 
 
 def test_rogue_messages_end_no_node_and_move_nothing(cell):
@@ -124,7 +123,7 @@ def test_rogue_messages_end_no_node_and_move_nothing(cell):
     log = cell.client.execute('four_dof_70ms', 1, 'none', cell.check, lambda feedback: None)
     (record,) = read_own(log.bags, cell)
     assert record.is_whole
-    (first,) = read_own(cell.client.log.bags, cell)
+    (first,) = read_own(cell.log.bags, cell)
     assert record.cycle == first.cycle + 1
 
 
@@ -133,7 +132,7 @@ def test_of_two_cells_started_at_once_one_runs(processes, tmp_path):
     processes.environment['ROS_DOMAIN_ID'] = str(DOMAIN + 1)
     executable = [str(Path(sys.prefix) / 'lib' / 'pkm_nodes' / 'cell')]
     started = [
-        processes.start(*executable, '--ros-args', '-p', f'folder:={tmp_path}/{name}', log=name) for name in ('a', 'b')
+        processes.start(*executable, '--ros-args', '-p', f'folder:={tmp_path}/bags_{name}', log=name) for name in ('a', 'b')
     ]
     deadline = monotonic() + TIMEOUT
     while all(process.poll() is None for process in started) and monotonic() < deadline:
