@@ -132,7 +132,8 @@ def test_of_two_cells_started_at_once_one_runs(processes, tmp_path):
     processes.environment['ROS_DOMAIN_ID'] = str(DOMAIN + 1)
     executable = [str(Path(sys.prefix) / 'lib' / 'pkm_nodes' / 'cell')]
     started = [
-        processes.start(*executable, '--ros-args', '-p', f'folder:={tmp_path}/bags_{name}', log=name) for name in ('a', 'b')
+        processes.start(*executable, '--ros-args', '-p', f'folder:={tmp_path}/bags_{name}', log=name)
+        for name in ('a', 'b')
     ]
     deadline = monotonic() + TIMEOUT
     while all(process.poll() is None for process in started) and monotonic() < deadline:
