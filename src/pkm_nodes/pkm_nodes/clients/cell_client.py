@@ -30,6 +30,8 @@ from pkm_nodes.runtime.one_publisher import node_name
 _UP_TIMEOUT = 90.0
 # [s, wall] for the name of a server: a server of another user never gets one, and refuses a goal of this session
 _NAMED = 45.0
+# [s, wall] for the names of further servers: DDS tells the name of a node later than its servers
+_NAMED_TOO = 5.0
 # [s, wall] before missing replacements of nodes are reported
 _PATIENCE = 5.0
 # [s, wall] for the answer to a request: DDS forgets a killed process after 20 s at most
@@ -38,7 +40,7 @@ ANSWER_TIMEOUT = 23.0
 _AFTER_DEATH = 15.0
 # [s, wall] from the last tick to the closed bag
 _RECORDED_TIMEOUT = 10.0
-# [s, wall] from the last tick to the diagnostics of the machine, sent every second
+# [s, wall] from the last tick to the diagnostics of the machine, sent every second, and to the bag of a cut cycle
 _REPORTED = 3.0
 
 
@@ -143,6 +145,8 @@ class CellClient:
         offered = self._client.server_is_ready
         self._spin_until(offered, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
         self._comes_true(lambda: any(self._servers()), check, _NAMED)
+        if len(self._servers()) > 1:
+            self._comes_true(lambda: all(self._servers()), check, _NAMED_TOO)
         self._refuse_several()
         namespace = self._node.get_namespace()
         machines = self._node.get_node_names_and_namespaces().count(('machine', namespace))
@@ -220,8 +224,13 @@ class CellClient:
         self._begin_log()
         self._spin_until(self._client.server_is_ready, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
         handle = self._send(self._client, goal, 'execute_motion', check, on_feedback)
-        answer = self._wait_for_result(handle, 'execute_motion', check, lambda: bool(self._log.unrecorded))
+        try:
+            answer = self._wait_for_result(handle, 'execute_motion', check, lambda: bool(self._log.unrecorded))
+        except PkmError:
+            self._await_last_bag(record)
+            raise
         if self._log.unrecorded or answer.status != GoalStatus.STATUS_SUCCEEDED:
+            self._await_last_bag(record)
             reason = next(iter(self._log.unrecorded), answer.result.message)
             raise PkmError(f'after {answer.result.cycles_completed} of {cycles} cycles: {reason}')
         self._spin_until(
@@ -233,6 +242,12 @@ class CellClient:
         if self._log.unrecorded:
             raise PkmError(self._log.unrecorded[0])
         return self._log
+
+    def _await_last_bag(self, record):
+        """Wait for the bag of the cycle that has ended early: the caller may end the cell at once."""
+        if record:
+            ends = self._log.bags, self._log.unrecorded
+            self._comes_true(lambda: sum(map(len, ends)) >= len(self._of_goal), lambda: None, _REPORTED)
 
     def pace_figures(self, check):
         """Return the figures of the machine's pace after the last cycle; None where it reports none."""

@@ -84,15 +84,13 @@ class EventGate:
         Events that need not be read: an executor drops them. A verdict on a kind and a sender holds for a moment.
     foreign : int
         Number of events that were dropped because of their sender; of kinds that the node uses.
-    others : set of str
-        Nodes that have sent them, some at most.
-
     """
 
     def __init__(self, node, topic, joints=(), kinds=tuple(NAMES)):
         self._node, self._session, self._topic = node, node.session, topic
         self._speakers, self._quota = Speakers(node, joints), _Quota()
-        self.denials, self.foreign, self.others = Denials(frozenset(NAMES) - frozenset(kinds)), 0, set()
+        self.denials, self.foreign = Denials(frozenset(NAMES) - frozenset(kinds)), 0
+        self._dropped = {}  # by sender: its node, and name and source of its first event
         self._warn, self._renew_at = LogThrottle(node.get_logger()), 0.0
 
     def event_in(self, data, sender=b''):
@@ -118,6 +116,30 @@ class EventGate:
             return None
         return event
 
+    def foreign_nodes(self):
+        """
+        Return the nodes, some at most, whose events were dropped since the last call.
+
+        A node of the cell whose first event was faster than the news of its publishers is not among them: its event
+        would be believed now.
+        """
+        dropped, self._dropped = self._dropped, {}
+        if not dropped:
+            return []
+        self._speakers.look()
+        names = self._nodes()  # the name of a node arrives later than its publishers
+        foreign = {
+            names.get(sender, node)
+            for sender, (node, event, source) in dropped.items()
+            if event is None or event in ANYONE or not self._speakers.is_genuine(event, source, sender)
+        }
+        return sorted(filter(None, foreign))
+
+    def _nodes(self):
+        """Return the names of the nodes that publish events, by GID."""
+        infos = self._node.get_publishers_info_by_topic(self._topic)
+        return {bytes(info.endpoint_gid): node_name(info) for info in infos}
+
     def _is_believed(self, name, source, sender, kind):
         reason = 'not of the node of this cell that sends it'
         if name in ANYONE and sender and not self._quota.has(sender):
@@ -127,9 +149,8 @@ class EventGate:
         self.foreign += 1
         if sender:
             self.denials.deny(kind, sender, _DENIED)
-            if len(self.others) < _MOST_OTHERS:
-                infos = self._node.get_publishers_info_by_topic(self._topic)
-                self.others.update(node_name(info) for info in infos if bytes(info.endpoint_gid) == sender)
+            if sender not in self._dropped and len(self._dropped) < _MOST_OTHERS:
+                self._dropped[sender] = self._nodes().get(sender), name, source
         named = f'{name or "unknown event"} of source {source[:40]!r}'
         self._warn(f'{self._topic}: {named} dropped: {reason}; dropped since the start: {self.foreign}')
         return False

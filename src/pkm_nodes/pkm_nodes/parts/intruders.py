@@ -75,8 +75,8 @@ class Intruders:
             each.look()
         crowded = [each for each in publishers if each.others]
         found = [f'{each.topic}: {", ".join(each.others)}' for each in crowded]
-        found += [f'cycle events: {", ".join(sorted(self._events.others))}'] if self._events.others else []
-        self._events.others.clear()
+        if nodes := self._events.foreign_nodes():
+            found += [f'cycle events: {", ".join(nodes)}']
         self.present = f'messages of further publishers are dropped: {"; ".join(found)}' if found else ''
 
     def news(self, cycle):

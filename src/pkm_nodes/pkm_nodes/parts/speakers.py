@@ -48,7 +48,7 @@ class Speakers:
         self._machines = MachineProcesses(node)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._all_at = 0.0  # [s, wall] time of the next look at all of them
-        node.create_timer(_LOOK_FOR_FIRST, self._look, clock=wall)  # so that they are known before others come
+        node.create_timer(_LOOK_FOR_FIRST, self._look_regularly, clock=wall)  # known before others come
 
     def is_genuine(self, event, source, sender):
         """
@@ -70,6 +70,11 @@ class Speakers:
         now, process = monotonic(), participant(sender)
         found = [self._participants(each, process, now) for each in topics]
         return any(process in each for each in found) or not (any(found) or knows_whole_graph())
+
+    def look(self):
+        """Look all known topics up."""
+        for entry in self._publishers.values():
+            entry.publisher.look()
 
     def _participants(self, topic, sender, now):
         """Return the participants that may speak, after a look at the graph if `sender` is not among them."""
@@ -96,7 +101,7 @@ class Speakers:
             self._publishers[topic] = _Entry(OnePublisher(self._node, topic, besides=_BESIDES.get(topic)))
         return self._publishers[topic]
 
-    def _look(self):
+    def _look_regularly(self):
         """Look the regular topics up: every second, and at each call while their publisher is unknown."""
         now = monotonic()
         is_due = now >= self._all_at
