@@ -2,6 +2,7 @@
 
 import importlib.util
 from math import nan
+from pathlib import Path
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -124,6 +125,8 @@ def test_without_control_msgs_the_node_offers_no_such_action(graph, goals, stand
     stand_in.run(1)
     assert goals.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
     assert f'/pkm/{NAME}' not in dict(get_action_names_and_types(graph.node))
+    page = (Path(__file__).resolve().parents[2] / 'docs' / 'commands.md').read_text(encoding='utf-8')
+    assert 'Without it the cell runs and does not offer the action.' in page
 
 
 @needs_package
