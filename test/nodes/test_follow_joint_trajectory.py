@@ -130,7 +130,7 @@ def test_without_control_msgs_the_node_offers_no_such_action(graph, goals, stand
 
 
 @needs_package
-def test_goal_within_its_tolerances_succeeds_as_a_cycle_that_stays(follower, machine):
+def test_goal_within_tolerances_succeeds_and_stays(follower, machine):
     fields = {'path_tolerance': {'d1': 5 * UM}, 'goal_tolerance': dict.fromkeys(JOINTS, 2 * UM)}
     goal = follower.send(trajectory((0.1, machine.home + MM)), goal_time_tolerance=Duration(sec=1), **fields)
     message = follower.run(1)

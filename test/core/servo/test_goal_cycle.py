@@ -124,7 +124,7 @@ def test_cycle_is_numbered_after_the_last_one_of_the_machine():
     assert cycle.begin(0.0) == (Send(43),)
 
 
-def test_cycle_stopped_before_its_start_is_stopped_when_it_starts():
+def test_cycle_stopped_before_its_start_stops_at_its_start():
     cycle = cycle_in(STARTING)
     cycle.stop('cancelled')
     assert cycle.started(1) == (WatchMachine(), StopCycle(1, 'cancelled'))
