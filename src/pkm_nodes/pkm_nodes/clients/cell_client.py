@@ -28,6 +28,8 @@ from pkm_nodes.runtime.one_publisher import node_name
 
 # [s, wall] ten processes on a busy two-core computer started in 20 s; the rest is margin
 _UP_TIMEOUT = 90.0
+# [s, wall] for the name of a server: a server of another user never gets one, and refuses a goal of this session
+_NAMED = 45.0
 # [s, wall] before missing replacements of nodes are reported
 _PATIENCE = 5.0
 # [s, wall] for the answer to a request: DDS forgets a killed process after 20 s at most
@@ -138,7 +140,9 @@ class CellClient:
 
     def wait_until_up(self, check):
         """Wait for the cell's action server; `PkmError` if the namespace has a second cell."""
-        self._spin_until(self._is_up, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
+        offered = self._client.server_is_ready
+        self._spin_until(offered, check, _UP_TIMEOUT, 'the cell did not offer execute_motion')
+        self._comes_true(lambda: any(self._servers()), check, _NAMED)
         self._refuse_several()
         namespace = self._node.get_namespace()
         machines = self._node.get_node_names_and_namespaces().count(('machine', namespace))
@@ -151,9 +155,6 @@ class CellClient:
         """Return the nodes that offer execute_motion; DDS returns no names of nodes of another user."""
         infos = self._node.get_publishers_info_by_topic('execute_motion/_action/status')
         return ['' if info.node_name.startswith('_') else node_name(info) for info in infos]
-
-    def _is_up(self):
-        return self._client.server_is_ready() and any(self._servers())
 
     def _refuse_several(self):
         """Raise `PkmError` if several nodes offer execute_motion: each would get the goal, and one would answer it."""
