@@ -20,6 +20,7 @@ from pkm_nodes.nodes.machine import MachineNode
 from pkm_nodes.nodes.recorder import RecorderNode
 from pkm_nodes.nodes.state_estimator import StateEstimatorNode
 from pkm_nodes.nodes.trajectory_generator import TrajectoryGeneratorNode
+from pkm_nodes.parts.follow_joint_trajectory import find_action
 
 ROOT = Path(__file__).parents[2]
 LAYOUTS = ROOT / 'src' / 'pkm_nodes' / 'layouts'
@@ -118,6 +119,8 @@ def test_every_service_and_action_is_documented(graph, nodes, machine):
         name: row['type'] for row in tables('Services') for name in for_joints(row['service'], machine.joints)
     }
     actions = [(row['action'].strip('`'), [row['type']]) for row in tables('Actions')]
+    if find_action():  # control_msgs is installed
+        actions = sorted([*actions, ('/pkm/follow_joint_trajectory', ['control_msgs/action/FollowJointTrajectory'])])
     graph.spin_until(lambda: get_action_names_and_types(graph.node) == actions, f'the action(s) {actions}')
 
 

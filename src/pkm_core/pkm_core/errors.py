@@ -17,6 +17,22 @@ class TrajectoryError(PkmError):
     """A motion or trajectory is refused."""
 
 
+class FollowError(TrajectoryError):
+    """
+    A goal of FollowJointTrajectory is refused or was not followed.
+
+    Attributes
+    ----------
+    code : str
+        Name of the constant in the result of control_msgs/FollowJointTrajectory.
+
+    """
+
+    def __init__(self, code, text):
+        super().__init__(text)
+        self.code = code
+
+
 class LearningError(PkmError):
     """A learning request is refused."""
 

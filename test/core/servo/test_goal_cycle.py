@@ -8,7 +8,7 @@ from pkm_core.servo.goal_cycle import End, GoalCycle, GoalState, Send, StopCycle
 
 IDLE, STARTING, RUNNING, AWAITING_METRICS, ENDED, STRAY = GoalState
 START_TIMEOUT, METRICS_TIMEOUT = 30.0, 2.0
-EVENTS = {'begin', 'numbered', 'started', 'finished', 'failed', 'metrics', 'reported', 'look'}
+EVENTS = {'begin', 'numbered', 'started', 'finished', 'failed', 'metrics', 'reported', 'look', 'stop'}
 JOINTS = ['a', 'b']
 HEARD = '1 node(s) listen to /pkm/pose_trajectory'
 GONE = 'the machine that ran it is gone: its process has ended or cannot be reached; start it again'
@@ -90,6 +90,9 @@ TABLE = [
     row(ENDED, ('look', 1e9, True, HEARD), ENDED),
     row(STRAY, ('look', 1e9, False, HEARD), STRAY),
     row(STRAY, ('look', 101.0, True, HEARD), ENDED, StopCycle(1, GONE)),
+    # stop: at once, or when it starts
+    row(RUNNING, ('stop', 'cancelled'), RUNNING, StopCycle(1, 'cancelled')),
+    *(row(state, ('stop', 'cancelled'), state) for state in GoalState if state is not RUNNING),
     # events of another cycle
     *(row(state, ('started', 7), state) for state in GoalState),
     *(row(state, ('finished', 7, 100.0, []), state) for state in GoalState),
@@ -119,6 +122,15 @@ def test_cycle_is_numbered_after_the_last_one_of_the_machine():
     assert cycle.next_cycle == 42
     assert cycle.begin(0.0) == (Send(42),)
     assert cycle.begin(0.0) == (Send(43),)
+
+
+def test_cycle_stopped_before_its_start_stops_at_its_start():
+    cycle = cycle_in(STARTING)
+    cycle.stop('cancelled')
+    assert cycle.started(1) == (WatchMachine(), StopCycle(1, 'cancelled'))
+    assert cycle.failed(1, 'machine: cancelled') == (End('machine: cancelled'),)
+    cycle.begin(0.0)
+    assert cycle.started(2) == (WatchMachine(),)
 
 
 def test_metrics_of_the_cycle_before_are_forgotten():

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BPoly
 
-from pkm_core.errors import TrajectoryError, WorkspaceError
+from pkm_core.errors import FollowError, TrajectoryError, WorkspaceError
 from pkm_core.motion.planning import LONGEST_CYCLE, Motion
 from pkm_core.motion.reach import refuse_joints
 from pkm_core.motion.trajectory import SampledTrajectory
@@ -59,7 +59,9 @@ def sampled_command(machine, names, points, start):
     """
     names = list(names)
     if sorted(names) != sorted(machine.joints):
-        raise TrajectoryError(f'joint trajectory: joint names {names}; expected each of {list(machine.joints)} once')
+        raise FollowError(
+            'INVALID_JOINTS', f'joint trajectory: joint names {names}; expected each of {list(machine.joints)} once'
+        )
     if not points:
         raise TrajectoryError('joint trajectory: 0 points; expected at least 1')
     order = [names.index(joint) for joint in machine.joints]

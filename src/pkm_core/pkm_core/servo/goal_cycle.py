@@ -88,6 +88,7 @@ class GoalCycle:
         self._heard: float | None = None  # time of the last report of the machine, None before the first one
         self._looked = -inf  # time of the last `look`
         self._over = False  # by the last report of the machine the cycle has ended
+        self._stop_reason = ''  # why the cycle is stopped as soon as it starts
         self._highest = 0  # the highest number of a cycle in use
         self._deadline = inf
         self._errors = {}
@@ -106,7 +107,7 @@ class GoalCycle:
         """Begin the next cycle, whose number no cycle of the machine has had."""
         self.cycle = self._highest = self._highest + 1
         self.state, self._deadline, self._errors = GoalState.STARTING, now + self._start_timeout, {}
-        self._over = False
+        self._over, self._stop_reason = False, ''
         if self._heard is not None:
             self._heard = now  # its reports need not have been read between two goals
         return (Send(self.cycle),)
@@ -121,8 +122,14 @@ class GoalCycle:
         """Take a STARTED event."""
         if cycle == self.cycle and self.state in (GoalState.STARTING, GoalState.ENDED):
             self.state = GoalState.RUNNING if self.state is GoalState.STARTING else GoalState.STRAY
-            return (WatchMachine(),)
+            return (WatchMachine(), *self.stop(self._stop_reason)) if self._stop_reason else (WatchMachine(),)
         return ()
+
+    def stop(self, reason):
+        """Stop the cycle: at once, or as soon as it starts. It ends with the FAULT event of the machine."""
+        if self.state is GoalState.STARTING:
+            self._stop_reason = reason
+        return (StopCycle(self.cycle, reason),) if self.state is GoalState.RUNNING else ()
 
     def finished(self, cycle, now, expected):
         """Take a FINISHED event; joints named in `expected` report metrics."""

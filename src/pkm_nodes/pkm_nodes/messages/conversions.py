@@ -3,7 +3,7 @@
 from array import array
 
 import numpy as np
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 
 from pkm_core.errors import TrajectoryError
 from pkm_core.identification import IdentificationError
@@ -20,6 +20,17 @@ def time_of_tick(tick, sample_time):
     """Return the simulated time of `tick` as builtin_interfaces/Time."""
     nanoseconds = nanoseconds_of_tick(tick, sample_time)
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def seconds_of(time):
+    """Return a builtin_interfaces/Time or Duration in seconds."""
+    return time.sec + 1e-9 * time.nanosec
+
+
+def duration_of(seconds):
+    """Return `seconds`, negative ones too, as builtin_interfaces/Duration."""
+    whole, nanoseconds = divmod(round(1e9 * seconds), 10**9)
+    return Duration(sec=whole, nanosec=nanoseconds)
 
 
 def nanoseconds_of_tick(tick, sample_time):

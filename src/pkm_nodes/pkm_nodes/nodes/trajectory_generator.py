@@ -1,11 +1,12 @@
 """
 Node `trajectory_generator`: commands in, one pose_trajectory per cycle out.
 
-A command is a goal of execute_motion, go_to or home, or a joint_trajectory_command. It is run cycle by cycle: publish
-the trajectory, wait until the machine has run it, begin the next cycle. The trajectory is resent every second until the
-machine starts the cycle, so the nodes may start in any order. When the process of the machine disappears during a
-cycle, the cycle ends with a STOP event. An experiment of identification is planned in joints: its joint_trajectory and
-excitation are published with its pose_trajectory.
+A command is a goal of execute_motion, go_to or home, or a joint_trajectory_command; where package control_msgs is
+installed, also one of follow_joint_trajectory. It is run cycle by cycle: publish the trajectory, wait until the machine
+has run it, begin the next cycle. The trajectory is resent every second until the machine starts the cycle, so the nodes
+may start in any order. When the process of the machine disappears during a cycle, the cycle ends with a STOP event. An
+experiment of identification is planned in joints: its joint_trajectory and excitation are published with its
+pose_trajectory.
 
 The node serves the actions. `GoalPlans` plans, `GoalCycles` publishes and follows the cycles.
 """
@@ -20,6 +21,7 @@ from pkm_core.servo.goal_cycle import GoalCycle
 from pkm_interfaces.action import ExecuteMotion, GoTo, Home
 from pkm_interfaces.msg import PlatformPose
 from pkm_nodes.parts.cell_geometry import CellGeometry
+from pkm_nodes.parts.follow_joint_trajectory import FollowJointTrajectory, find_action
 from pkm_nodes.parts.goal_cycles import GoalCycles
 from pkm_nodes.parts.goal_plans import GoalPlans
 from pkm_nodes.parts.joint_commands import JointCommands
@@ -58,6 +60,10 @@ class TrajectoryGeneratorNode(PkmNode):
             (Home, 'home', self._home),
         )
         self._servers = [self.serve_action(*each, lambda _: CancelResponse.ACCEPT) for each in served]
+        follow = find_action()
+        if follow:
+            followed = FollowJointTrajectory(self, self._cycles, self._plans, self._run_cycle, follow)
+            self._servers.append(followed.server)
 
     async def _execute(self, goal_handle):
         """Run a goal of execute_motion."""
@@ -138,10 +144,12 @@ class TrajectoryGeneratorNode(PkmNode):
         finally:
             self._cycles.goal = ''
 
-    async def _run_cycle(self, planned, goal, later=False):
+    async def _run_cycle(self, planned, goal, later=False, is_cancelled=lambda: False):
         """Run one cycle and return its `End`; `PkmError` if it was not run, or a node keeps another geometry."""
         self._cycles.goal = goal
         await self._cell_geometry.align()
+        if is_cancelled():
+            raise PkmError('cancelled before the cycle was sent; nothing has moved')
         end = await self._cycles.run(planned, goal, later)
         if end.reason:
             raise PkmError(end.reason)

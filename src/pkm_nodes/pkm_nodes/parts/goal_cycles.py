@@ -40,12 +40,15 @@ class GoalCycles:
         Where the next cycle begins.
     number : int
         Number of the last cycle that was begun.
+    first_tick : int or None
+        Machine tick at which it started, None before.
 
     """
 
     def __init__(self, node, machine, cycle):
         self._node, self._machine, self._cycle = node, machine, cycle
         self.goal = ''
+        self.first_tick = None
         self._messages = []  # (topic, message) of the last cycle
         self._ended = Future()  # End of the last cycle
         self._publishers = {
@@ -99,13 +102,17 @@ class GoalCycles:
             Whether it is not the first cycle of the goal.
 
         """
-        self.goal = goal
+        self.goal, self.first_tick = goal, None
         self._messages, self._ended = planned.later if later else planned.first, Future()
         self._perform(self._cycle.begin(monotonic()))
         end = await self._ended
         if not end.reason:
             self.standing.ended(self._cycle.cycle, planned.end)
         return end
+
+    def stop(self, reason):
+        """Brake in the running cycle, or as soon as it starts; the machine then waits for its reset."""
+        self._perform(self._cycle.stop(reason))
 
     def _look(self):
         topic = self._publishers['pose_trajectory'].topic_name
@@ -125,6 +132,8 @@ class GoalCycles:
 
     def _on_event(self, event):
         if event.event == CycleEvent.STARTED:
+            if event.cycle == self._cycle.cycle:
+                self.first_tick = event.tick
             self._perform(self._cycle.started(event.cycle))
         elif event.event == CycleEvent.FINISHED:
             self._perform(self._cycle.finished(event.cycle, monotonic(), self._joints_with_metrics()))

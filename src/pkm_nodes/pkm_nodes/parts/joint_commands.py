@@ -9,6 +9,7 @@ from trajectory_msgs.msg import JointTrajectory
 from pkm_core.errors import PkmError
 from pkm_core.motion.joint_command import Point, describe_samples, sampled_command
 from pkm_core.motion.trajectory import checked_joints
+from pkm_nodes.messages.conversions import seconds_of
 from pkm_nodes.messages.diagnostics import GOAL, REFUSAL, REFUSED_COMMANDS, STATE, diagnostics
 from pkm_nodes.runtime.groups import SenderGroup
 from pkm_nodes.runtime.log_throttle import LogThrottle
@@ -50,22 +51,13 @@ class JointCommands:
         try:
             message = _read(data)
             self._cycles.refuse_second(f'{TOPIC} of {self._name_of(sender)}')
-            planned = self._plan(message)
+            _, planned = plan_command(self._plans, message, self._cycles.standing.position, TOPIC)
         except PkmError as refusal:
             self._refuse(str(refusal))
             return
         self._refusal = ''
         self._cycles.goal = f'{TOPIC} of {self._name_of(sender)}'  # from now on another one is refused
         self._node.executor.create_task(self._perform(planned))
-
-    def _plan(self, message):
-        machine = self._plans.machine
-        joints = sampled_command(machine, message.joint_names, _points(message), self._cycles.standing.position)
-        try:
-            checked_joints(machine, joints)
-            return self._plans.of_joints(joints, TOPIC)
-        except PkmError as error:
-            raise PkmError(f'joint {error} ({describe_samples(machine)})') from None
 
     async def _perform(self, planned):
         try:
@@ -94,6 +86,31 @@ class JointCommands:
         self._diagnostics.publish(diagnostics(self._node, level, text, values, stamp))
 
 
+def plan_command(plans, message, start, name):
+    """
+    Return the `SampledTrajectory` in joints and the `PlannedGoal` of a JointTrajectory; `PkmError` if it is refused.
+
+    Parameters
+    ----------
+    plans : GoalPlans
+        Has the machine, and checks by the model of the drives.
+    message : trajectory_msgs.msg.JointTrajectory
+        The command.
+    start : ndarray, shape (n,)
+        Joint positions where the machine stands [m].
+    name : str
+        Of the motion in the bag.
+
+    """
+    machine = plans.machine
+    joints = sampled_command(machine, message.joint_names, _points(message), start)
+    try:
+        checked_joints(machine, joints)
+        return joints, plans.of_joints(joints, name)
+    except PkmError as error:
+        raise PkmError(f'joint {error} ({describe_samples(machine)})') from None
+
+
 def _read(data):
     try:
         return deserialize_message(data, JointTrajectory)
@@ -104,7 +121,7 @@ def _read(data):
 def _points(message):
     return [
         Point(
-            each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec,
+            seconds_of(each.time_from_start),
             tuple(each.positions),
             tuple(each.velocities),
             tuple(each.accelerations),
