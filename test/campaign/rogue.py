@@ -1,6 +1,7 @@
 """A foreign node that publishes on the topics of a cell: `python -m campaign.rogue SEED SECONDS [TOPIC ...]`."""
 
 import sys
+from contextlib import suppress
 from random import Random
 from time import monotonic, sleep
 
@@ -11,6 +12,7 @@ from rclpy.serialization import serialize_message
 from campaign.random_messages import damaged, random_message
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.messages.interfaces import find_interface
+from pkm_nodes.runtime.node import RCLError
 
 _FEW = 3
 
@@ -59,7 +61,8 @@ def main(seed, seconds, *wanted):
         rclpy.spin_once(node, timeout_sec=draw.choice([0.001, 0.005, 0.02]))
         publisher = draw.choice(publishers)
         message = random_message(draw, publisher.msg_type, **heard)
-        publisher.publish(message if draw.random() < 0.7 else damaged(draw, serialize_message(message)))
+        with suppress(RCLError):  # Fast DDS refuses bytes longer than the type allows
+            publisher.publish(message if draw.random() < 0.7 else damaged(draw, serialize_message(message)))
         if not told:
             print('publishes', flush=True)
             told = True

@@ -158,7 +158,7 @@ def other_user(world, draw):
         raise FellShortError(f'the first run has ended: {world.tail("first")}')
     if code == 0:
         raise FellShortError('pkm run of another user ran beside a cell in the same namespace')
-    if 'session' not in world.text() and '2 machines run' not in world.text():
+    if not any(words in world.text() for words in ('session', '2 machines run', 'of another user of this computer')):
         raise FellShortError(f'another user{may_read}: the refusal does not name the first cell: {world.tail()}')
     world.end_all()
     world.require_no_traceback()

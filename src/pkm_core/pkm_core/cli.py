@@ -25,6 +25,8 @@ def main():
         _end(1, f'pkm: {error}')
     except Interrupted as interrupted:
         _end(interrupted.code)
+    except MemoryError:
+        _end(1, 'pkm: out of memory; raise the limit of the address space (ulimit -v), or end other processes')
     except BrokenPipeError:
         _end(1)
     except OSError as error:

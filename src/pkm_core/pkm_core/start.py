@@ -7,6 +7,7 @@ Every executable of the project calls `prepare` first. Needs only the standard l
 import codecs
 import io
 import os
+import resource
 import sys
 import sysconfig
 import time
@@ -17,6 +18,9 @@ from pkm_core.interrupts import end_at_once
 
 # how characters of the tables are written in an encoding that lacks them
 _PLAIN = {'±': '+-', '²': '^2', '³': '^3', 'µ': 'u', 'μ': 'u', '×': 'x', '°': 'deg', '…': '...', '–': '-', '→': '->'}
+
+# [bytes] of address space with which a cell of one process runs; with less, libraries hang while they are loaded
+_LEAST_SPACE = 1500 << 20
 
 
 def prepare():
@@ -29,7 +33,7 @@ def prepare():
     Raises
     ------
     PkmError
-        If the working folder has been deleted.
+        If the working folder has been deleted, or the address space is limited to less than the libraries need.
 
     """
     end_at_once()
@@ -39,6 +43,11 @@ def prepare():
         os.getcwd()
     except OSError as error:
         raise PkmError(f'working folder: {error.strerror}; change to a folder that exists') from None
+    space = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if 0 <= space < _LEAST_SPACE:
+        raise PkmError(
+            f'address space: limited to {space >> 20} MiB (ulimit -v); expected at least {_LEAST_SPACE >> 20} MiB'
+        )
 
 
 def seconds_since_start():

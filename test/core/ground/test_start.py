@@ -53,6 +53,14 @@ def test_deleted_working_folder_is_said(tmp_path):
     assert 'Traceback' not in done.stderr
 
 
+@pytest.mark.parametrize('limit', [300, 500, 1499], ids='{} MiB'.format)
+def test_address_space_without_room_for_libraries_is_refused(limit):
+    """With 500 MiB the library of linear algebra waited without end while it was loaded."""
+    done = shell(f'ulimit -v {limit << 10}; $PKM')
+    assert done.returncode == 1
+    assert done.stderr == f'pkm: address space: limited to {limit} MiB (ulimit -v); expected at least 1500 MiB\n'
+
+
 def test_another_ros_on_the_import_path_is_left_out(tmp_path):
     """rclpy of the other ROS would raise; a folder of the user's own stays."""
     other, own = tmp_path / 'other', tmp_path / 'own'

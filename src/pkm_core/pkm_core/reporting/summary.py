@@ -39,6 +39,11 @@ def messages(records):
     for record in records:
         recorded.update(record.recorded)
         expected.update(record.expected)
+    return counts_by_topic(recorded, expected)
+
+
+def counts_by_topic(recorded, expected):
+    """Return {topic: {'recorded': m, 'expected': n or None}} of two counters."""
     return {topic: {'recorded': recorded[topic], 'expected': expected.get(topic)} for topic in sorted(recorded)}
 
 

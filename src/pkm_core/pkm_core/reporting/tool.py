@@ -39,7 +39,7 @@ def tool_figures(record):
 def laser_step(records):
     """Return the step [m] of the laser, the least difference between two of its readings; None without a laser."""
     steps = []
-    for record in records:
+    for record in first_and_last(records):
         histories = laser_histories(record)
         if histories is not None:
             rows = np.unique(record.laser * lengths(histories.names))

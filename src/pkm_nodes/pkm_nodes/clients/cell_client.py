@@ -30,7 +30,7 @@ from pkm_nodes.runtime.one_publisher import node_name
 _UP_TIMEOUT = 90.0
 # [s, wall] for the name of a server: a server of another user never gets one, and refuses a goal of this session
 _NAMED = 45.0
-# [s, wall] for the names of further servers: DDS tells the name of a node later than its servers
+# [s, wall] for the names of further servers: the name of a node arrives later than its servers
 _NAMED_TOO = 5.0
 # [s, wall] before missing replacements of nodes are reported
 _PATIENCE = 5.0

@@ -42,5 +42,5 @@ def _run(condition, seed, cycles, arrangement, folder):
     ):
         client.wait_until_up(cell.check)
         log = client.execute(motion, cycles, condition.law, cell.check, lambda feedback: None, learned=learned)
-        records = read_own(log.bags, cell)
+        records = list(read_own(log.bags, cell))
     return records, log.notices

@@ -11,7 +11,7 @@ from pkm_core.errors import BagError
 
 def read_own(bags, cell):
     """
-    Return the `CycleRecord`s of `bags`, all recorded by `cell`.
+    Yield the `CycleRecord`s of `bags`, all recorded by `cell`.
 
     Parameters
     ----------
@@ -27,18 +27,17 @@ def read_own(bags, cell):
         named with both values.
 
     """
-    return [_checked(read_cycle(path), cell) for path in bags]
+    for path in bags:
+        yield _checked(read_cycle(path), cell)
 
 
 def complete_of(bags, cell):
-    """Return the `CycleRecord`s of those of `bags` that are whole, of a goal that has ended early; else `read_own`."""
-    records = []
+    """Yield the `CycleRecord`s of those of `bags` that are whole, of a goal that has ended early; else `read_own`."""
     for path in bags:
         with suppress(BagError):
             record = read_cycle(path)
             if record.is_whole:
-                records.append(_checked(record, cell))
-    return records
+                yield _checked(record, cell)
 
 
 def losses_in(folder):

@@ -244,6 +244,11 @@ def run(make_nodes, args=None):
     except REFUSALS as error:
         print(error, file=sys.stderr)
         return 1
+    except MemoryError:
+        print(
+            'out of memory; raise the limit of the address space (ulimit -v), or end other processes', file=sys.stderr
+        )
+        return 1
     except Exception:
         if rclpy.ok():
             raise

@@ -123,8 +123,7 @@ def run(
     except PkmError as error:
         raise PkmError(f'{error}\nlogs and bags of the cell are in {out}') from None
     log, records = driven.log, driven.records
-    hashes = {record.facts.get('config_hash', '') for record in records}
-    expected = goal.hashes_of_files(machine_name, cell)
+    hashes, expected = records.hashes, goal.hashes_of_files(machine_name, cell)
     if len(hashes) != 1 or not hashes <= expected:
         raise PkmError(
             f'{out}: the bags have the configuration {sorted(hashes)}, the files now {" or ".join(sorted(expected))}; '
@@ -132,7 +131,7 @@ def run(
         )
     cell['session'] = driven.session
     log.notices.extend(filter(None, [goal.still]))
-    results = _results(goal, cell, arrangement, hashes.pop(), log, records) | {'pace': driven.pace}
+    results = _results(goal, cell, arrangement, min(hashes), log, records) | {'pace': driven.pace}
     do_all(  # a full disk loses one of these, not all
         lambda: _print_tables(console, goal.machine.name, records),
         lambda: write_json(out / 'results.json', results),
@@ -169,9 +168,6 @@ def _refuse(reason):
 
 def _results(goal, cell, arrangement, hash_of_config, log, records):
     """Return the content of results.json."""
-    from pkm_core.reporting.summary import cycle_figures, messages
-    from pkm_core.reporting.tool import tool_figures
-
     return {
         'machine': goal.machine.name,
         'motion': Path(goal.motion).stem,
@@ -185,11 +181,9 @@ def _results(goal, cell, arrangement, hash_of_config, log, records):
         'ticks': log.ticks,
         'ticks_per_second': log.ticks / log.seconds,
         'ticks_per_second_in_cycles': log.ticks / log.seconds_in_cycles,
-        'messages': messages(records),
+        'messages': records.messages,
         'notices': log.notices,
-        'cycles': [
-            {'cycle': r.cycle, 'bag': r.path.name, 'axes': cycle_figures(r), 'tool': tool_figures(r)} for r in records
-        ],
+        'cycles': records.rows,
     }
 
 

@@ -13,7 +13,7 @@ class Driven(NamedTuple):
     """What has become of a goal."""
 
     log: Any  # `CycleLog`
-    records: list  # `CycleRecord`s of the bags
+    records: Any  # `RunRecords` of the bags
     session: str  # of the cell
     not_saved: str  # why the learned feedforward was not saved, '' if it was or need not be
     pace: dict  # figures of a `MachineWatch`
@@ -51,6 +51,7 @@ def drive(console, machine_name, arrangement, namespace, cell_options, goal, out
         If the cell does not start, or a bag is not its own.
 
     """
+    from pkm_core.reporting.run_records import RunRecords
     from pkm_nodes.clients.cell_client import CellClient
     from pkm_nodes.clients.cell_processes import CellProcesses
     from pkm_nodes.clients.own_bags import complete_of, losses_in, read_own
@@ -79,8 +80,8 @@ def drive(console, machine_name, arrangement, namespace, cell_options, goal, out
         except PkmError as error:  # the recorder closes the last bag at the end of the cell
             failure = str(error)
     if failure:
-        raise EndedEarlyError(failure, complete_of(client.log.bags, cell), losses_in(cell.bags))
-    return Driven(client.log, read_own(client.log.bags, cell), cell.session, not_saved, pace, interrupted)
+        raise EndedEarlyError(failure, RunRecords(complete_of(client.log.bags, cell)), losses_in(cell.bags))
+    return Driven(client.log, RunRecords(read_own(client.log.bags, cell)), cell.session, not_saved, pace, interrupted)
 
 
 def _execute(client, goal, check, bar):
