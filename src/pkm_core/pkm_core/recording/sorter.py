@@ -47,7 +47,7 @@ class Sorter:
 
     def __init__(self, topics, cycles, preroll, sample_time_ns, warn):
         self._topics, self._cycles, self._preroll, self._warn = topics, cycles, preroll, warn
-        self._tick_ns = sample_time_ns
+        self._tick_ns, self._latest_tick = sample_time_ns, _LATEST // sample_time_ns
         self._types = typestore()
         self._places = {name: layout_of(topic.kind).places for name, topic in topics.items()}
         self._sizes = {name: layout_of(topic.kind).size for name, topic in topics.items()}
@@ -95,6 +95,11 @@ class Sorter:
             # signed, because numpy mixes uint64 and int64 to float64
             ticks = numbers_at(messages, places['tick']).view(np.int64)
             numbers = numbers_at(messages, places['cycle'])
+            if ticks.min() < 0 or ticks.max() > self._latest_tick:
+                held = self._in_time(topic, ticks)
+                messages, ticks, numbers = messages[held], ticks[held], numbers[held]
+                if not len(ticks):
+                    continue
             cuts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
             for begin, end in pairwise([0, *cuts, len(numbers)]):  # one block per cycle
                 self._sort_block(Block(topic, messages[begin:end], ticks[begin:end]), int(numbers[begin]))
@@ -103,6 +108,13 @@ class Sorter:
             for cycle in self._cycles:
                 self._cycles.keep_together(cycle)
                 self._cycles.advance(cycle)
+
+    def _in_time(self, topic, ticks):
+        """Return for each of `ticks` (n,) whether a bag has a time for it; warn of the others."""
+        held = (ticks >= 0) & (ticks <= self._latest_tick)
+        if not held.all():
+            self._warn(f'{topic}: {np.count_nonzero(~held)} messages at no time of a bag; not recorded')
+        return held
 
     def _joined(self, topic, fresh):
         """Return the messages `fresh` of the servo tick as an array (n, size); messages of another size are refused."""
@@ -158,11 +170,18 @@ class Sorter:
         nanoseconds = _SECOND * seconds + self._numbers(topic, f'{stamp}.nanosec', messages)
         of_tick = ~is_at_standstill(nanoseconds, self._tick_ns)
         if of_tick.any():
-            self._states.append(Block(topic, messages[of_tick], nanoseconds[of_tick] // self._tick_ns))
+            self._take_state(Block(topic, messages[of_tick], nanoseconds[of_tick] // self._tick_ns))
 
     def _take_timed(self, topic, messages):
-        nanoseconds = np.rint(self._numbers(topic, 'time', messages) * 1e9).astype(np.int64)
-        self._states.append(Block(topic, messages, nanoseconds // self._tick_ns))
+        seconds = self._numbers(topic, 'time', messages)
+        has_time = np.abs(seconds) < 1e-9 * _LATEST  # False for NaN
+        nanoseconds = np.rint(1e9 * np.where(has_time, seconds, -1.0)).astype(np.int64)
+        self._take_state(Block(topic, messages, nanoseconds // self._tick_ns))
+
+    def _take_state(self, block):
+        held = self._in_time(block.topic, block.ticks)
+        if held.any():
+            self._states.append(block.where(held))
 
     def _place_states(self):
         """Put the states up to the last tick into the newest cycle that holds it; an older one may have no end yet."""
