@@ -67,9 +67,7 @@ def pairs_of(machine):
     if config.mechanism == 'layout':
         return machine.core
     if config.mechanism not in ('planar', 'four_dof'):
-        raise PkmError(
-            f'{machine.name}: a {config.mechanism} has no links; expected a planar, four_dof, linkage, layout'
-        )
+        raise PkmError(f'{machine.name}: a {config.mechanism} has no links; expected planar, four_dof, linkage, layout')
     geometry, zero = config.geometry, np.zeros((2, 2))
     at_p = guided_pair(zero, [0.0, 0.0], geometry.l2, 'left', machine.home[:2], geometry.dy)
     if config.mechanism == 'planar':
@@ -118,7 +116,10 @@ def layout_figures(machine, samples, seed, length):
     scale = np.array([length if name == 'phi' else 1.0 for name in machine.coordinates])[:, np.newaxis]
     condition = np.linalg.cond(scale * moves)
     of_position = np.sqrt(np.sum(stretches[:, : 3 if spatial else 2] ** 2, axis=(1, 2)))
-    of_phi = np.linalg.norm(stretches[:, 3], axis=1) if spatial else None
+    orientation = None
+    if spatial:
+        of_phi = np.linalg.norm(stretches[:, 3], axis=1)
+        orientation = (float(of_phi.mean()), float(of_phi.max()))
     home = float(np.linalg.cond(scale * core.rates(machine.home[order])[0]))
     return LayoutFigures(
         TITLES.get(machine.name, machine.config.mechanism),
@@ -127,7 +128,7 @@ def layout_figures(machine, samples, seed, length):
         (home, float(condition.max())),
         float(np.mean(1.0 / condition)),
         (float(of_position.mean()), float(of_position.max())),
-        (float(of_phi.mean()), float(of_phi.max())) if spatial else None,
+        orientation,
         _task_travel(machine),
     )
 
@@ -170,7 +171,7 @@ def _workspace(machine, core, seed):
     everywhere = np.concatenate([poses, ends])[:, :3]
     low, high = everywhere.min(axis=0), everywhere.max(axis=0)
     margin = 0.1 * (high - low)
-    return measure(lambda points: _reached(machine, core, points), low - margin, high + margin, seed, 1 << 14, 4)
+    return measure(lambda points: _reached(machine, core, points), low - margin, high + margin, seed, 1 << 13, 4)
 
 
 def _ends(machine):

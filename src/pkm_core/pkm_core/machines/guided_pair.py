@@ -74,7 +74,8 @@ class GuidedPair(NamedTuple):
 
     def _check_side(self, jx, jy, at):
         first, second = (
-            o[:, None] + u[:, None] * np.ravel(value(d)) for o, u, d in zip(self.origins, self.directions, at)
+            origin[:, None] + direction[:, None] * np.ravel(value(d))
+            for origin, direction, d in zip(self.origins, self.directions, at, strict=True)
         )
         to_joint = np.stack([np.ravel(value(jx)), np.ravel(value(jy))]) - first
         gap = second - first
@@ -120,8 +121,12 @@ def guided_pair(origins, directions, link, side, home, offset=0.0):
         Zero of each guide [m].
     directions : array_like, shape (2,)
         Angle of each guide from +X about +Z [rad].
+    link : float
+        Length of both links [m].
     side : str
         'left' or 'right', see `GuidedPair`.
+    home : array_like, shape (2,)
+        Joint positions [m] with the branch of the inverse.
     offset : float
         From the joint to the functional point, away from the line of the pivots at `home` [m].
 
@@ -156,5 +161,5 @@ def check_pair(pair, lower, upper, names):
         raise ValueError(f'joints: {names[0]}, {names[1]}: {error}') from None
     if not least > 0.0:
         raise ValueError(
-            f'joints: {names[0]}, {names[1]}: least distance from a singularity {1e3 * least:.4g} mm; allowed above 0 mm'
+            f'joints: {", ".join(names)}: least distance from a singularity {1e3 * least:.4g} mm; allowed above 0 mm'
         )

@@ -117,7 +117,7 @@ class LayoutConfig(MachineConfig):
         ends = [np.array([[j.lower, j.home, j.upper] for j in pair]) for pair in (self._p, self._q)]
         P, Q = (
             np.stack(pair.place(np.stack(np.meshgrid(*each, indexing='ij'), axis=-1).reshape(-1, 2)))
-            for pair, each in zip((core.p, core.q), ends)
+            for pair, each in zip((core.p, core.q), ends, strict=True)
         )
         w = Q[:, None, :] - P[:, :, None]
         ahead = float((np.cos(core.heading) * w[0] + np.sin(core.heading) * w[1]).min())
@@ -148,7 +148,8 @@ class LayoutConfig(MachineConfig):
             origins, directions = [(guide.x, guide.y)] * 2, [guide.direction] * 2
             home = [joint.home for joint in joints]
             pairs.append(_reaching(origins, directions, geometry, guide.side, home, offset))
-        P, Q = (np.array(p.place(np.array([j.home for j in js]))) for p, js in zip(pairs, (self._p, self._q)))
+        homes = [np.array([joint.home for joint in joints]) for joints in (self._p, self._q)]
+        P, Q = (np.array(pair.place(home)) for pair, home in zip(pairs, homes, strict=True))
         return LayoutCore(*pairs, geometry.k10, geometry.dz, float(np.arctan2(*(Q - P)[::-1])))
 
 
@@ -163,24 +164,15 @@ def _reaching(origins, directions, geometry, side, home, offset):
 class KinematicMachine(Machine):
     """A machine of this module: everything but dynamics, which it refuses with `ConfigError`."""
 
-    parameters = ()
-
-    @property
-    def terms(self):
-        """Refuse: `ConfigError`."""
-        raise ConfigError(
-            f'{self.name}: a {self.config.mechanism} has kinematics only, without masses, motions and gains; expected a '
-            f'machine with dynamics: four_dof, planar or xy_stage. Design verbs such as pkm layouts accept it'
-        )
-
-    @property
-    def rows(self):
-        """Refuse: `ConfigError`."""
-        return self.terms
-
     def dynamic_parameters(self):
         """Refuse: `ConfigError`."""
-        return self.terms
+        raise ConfigError(
+            f'{self.name}: a {self.config.mechanism} has kinematics only, without masses, motions and gains; expected '
+            f'a machine with dynamics: four_dof, planar or xy_stage. Design verbs such as pkm layouts accept it'
+        )
+
+    def _terms(self, q, qd):
+        return self.dynamic_parameters()
 
     def passive_angles(self, q):
         """Return {}: the angles of the links are not named."""

@@ -80,7 +80,9 @@ class LayoutCore(NamedTuple):
         turn = np.stack([-w[..., 1], w[..., 0]], axis=-1) / (distance**2)[..., None]
         H[..., 3, :2], H[..., 3, 2:] = -turn, turn
         both = [pair.rates(part) for pair, part in ((self.p, q[..., :2]), (self.q, q[..., 2:]))]
-        moves, stretches = (np.concatenate([H[..., :2] @ p, H[..., 2:] @ c], axis=-1) for p, c in zip(*both))
+        moves, stretches = (
+            np.concatenate([H[..., :2] @ p, H[..., 2:] @ c], axis=-1) for p, c in zip(*both, strict=True)
+        )
         rods = np.zeros((*Z.shape, 4, 2))
         shift = (self.k10 / distance**2)[..., None] * w  # of the foot of the end-effector, away from P by link 10
         rods[..., :2, 0], rods[..., :2, 1] = shift, -shift
