@@ -33,7 +33,7 @@ def test_positions_reached_are_those_of_the_exact_envelope():
     np.testing.assert_array_equal(_reached(machine, pairs_of(machine), points), expected)
 
 
-def test_every_sampled_position_of_the_parallel_layout_is_reached():
+def test_every_sample_of_the_parallel_layout_is_reached():
     machine = load_machine('parallel_layout')
     points = machine.forward(sample_joints(machine, 2000, 1))[:, :3]
     assert _reached(machine, pairs_of(machine), points).all()
@@ -48,7 +48,7 @@ def test_orthogonal_layout_beats_the_parallel_one_as_stated():
     assert orthogonal.area > parallel.area
 
 
-def test_v_linkage_needs_a_larger_base_than_the_triangular_module():
+def test_v_linkage_needs_a_larger_base_than_the_triangle():
     triangular, v = compare([load_machine('planar'), load_machine('v_linkage')], 2000, 1, 0.05).values()
     assert v.area > 1.3 * triangular.area
     assert v.workspace.value == pytest.approx(pose_volume(load_machine('v_linkage'), 32), rel=1e-9)
@@ -57,3 +57,8 @@ def test_v_linkage_needs_a_larger_base_than_the_triangular_module():
 def test_machine_without_links_is_refused():
     with pytest.raises(PkmError, match='xy_stage: a xy_stage has no links; expected planar'):
         compare([load_machine('xy_stage')], 1000, 1, 0.05)
+
+
+def test_two_machines_of_one_name_are_refused():
+    with pytest.raises(PkmError, match='planar is given twice; expected different names'):
+        compare([load_machine('planar')] * 2, 1000, 1, 0.05)

@@ -175,8 +175,8 @@ def clearance_deviations(machine, clearance, q):
     >>> from pkm_core.machines import load_machine
     >>> planar = load_machine('planar')
     >>> deviation, worst = clearance_deviations(planar, 100e-6, planar.home[np.newaxis])
-    >>> (1e6 * deviation).round(1), (1e6 * worst).round(1)  # um
-    (array([67.4, 31.9]), array([233.3, 110.7]))
+    >>> (1e6 * deviation).round(), (1e6 * worst).round()  # um
+    (array([67., 32.]), array([233., 111.]))
 
     """
     error_names(machine)  # refuses machines without links

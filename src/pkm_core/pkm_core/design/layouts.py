@@ -97,11 +97,13 @@ def compare(machines, samples, seed, length, on_step=lambda name: None):
     Raises
     ------
     PkmError
-        If a machine has no links, or its links do not reach `TASK`.
+        If a machine has no links or is given twice, or its links do not reach `TASK`.
 
     """
-    found = {}
+    found: dict[str, LayoutFigures] = {}
     for machine in machines:
+        if machine.name in found:
+            raise PkmError(f'machines: {machine.name} is given twice; expected different names')
         on_step(machine.name)
         found[machine.name] = layout_figures(machine, samples, seed, length)
     return found
