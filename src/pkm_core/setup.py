@@ -17,6 +17,8 @@ VERBS = [
     'experiment',
     'identify',
     'identify-bag',
+    'joint-forces',
+    'layouts',
     'margins',
     'open-loop',
     'report',

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from pkm_core.errors import PkmError
 from pkm_core.experiments.open_loop import CASES, integrate, play
-from pkm_core.experiments.open_loop_report import REFERENCE, figures, write_csv
+from pkm_core.experiments.open_loop_report import REFERENCE, difference_figures, figures, write_csv
 from pkm_core.machines import load_machine
 from pkm_core.verbs.open_loop import open_loop
 
@@ -127,5 +127,19 @@ def test_verb_writes_figures_and_csv(tmp_path):
     assert '18.82 17.80 20.69 16.28' in done.output
     assert '126.5 ms d5' in done.output
     names = {path.name for path in tmp_path.iterdir()}
-    assert {f'open_loop_{case}.png' for case in CASES} < names
+    assert {f'open_loop_{case}{end}.png' for case in CASES for end in ('', '_difference')} < names
+    assert 'difference of the joints from the rigid model' in done.output
     assert {f'open_loop_{case}_{kind}.csv' for case in CASES for kind in ('rigid', 'ideal')} < names
+
+
+def test_differences_from_the_rigid_model_are_those_of_the_belts():
+    """Stiffer belts, smaller differences; samples at other times are compared at one time."""
+    case = CASES['ii_b']
+    rigid = integrate(FOUR_DOF, case)
+    stiff, soft = (
+        difference_figures(integrate(FOUR_DOF, case, belt_stiffness=kb), rigid)['largest_um'] for kb in (400.0, 100.0)
+    )
+    assert (soft < 0.2).all()
+    assert (stiff < 0.5 * soft).all()
+    assert (stiff > 1e-3).all()  # above the accuracy of integration and interpolation
+    np.testing.assert_allclose(difference_figures(rigid, rigid)['largest_um'], 0.0, atol=1e-9)

@@ -93,7 +93,7 @@ REFUSED = [
     ('four_dof', 'dy: 10 mm', 'dy: 30 mm', 'least y2 - y1 in the travel is -9.78'),
     ('four_dof', 'k10: 116.6 mm', 'k10: 45 mm', 'r10 64.35 mm; allowed 0 to k10 45 mm'),
     ('planar', 'l2: 70 mm', 'l2: 49 mm', 'joints.d3.upper 159.5 mm; allowed below joints.d1.lower + 2 l2 = 157.5 mm'),
-    ('planar', 'mechanism: planar', 'mechanism: delta', "mechanism: 'delta' given; known: ['four_dof', 'planar', "),
+    ('planar', 'mechanism: planar', 'mechanism: delta', "mechanism: 'delta' given; known: ['four_dof', 'layout', "),
     ('planar', 'voltage_limit: 10 V', 'voltage_limit: -10 V', 'drive.voltage_limit'),
     ('xy_stage', 'my: 3.0 kg', 'my: 9.0 kg', 'my 9 kg; the X axis carries the Y axis: allowed 0 to mx 8.2 kg'),
 ]
@@ -120,5 +120,5 @@ def test_rods_too_short_for_the_travel_are_refused(tmp_path):
 
 
 def test_unknown_machine_is_refused_with_the_known_ones():
-    with pytest.raises(ConfigError, match=r"'delta' is unknown; .* has \['four_dof', 'planar', 'xy_stage'"):
+    with pytest.raises(ConfigError, match=r"'delta' is unknown; .* has \['four_dof', 'h_linkage', .*'xy_stage'\]"):
         load_machine('delta')

@@ -69,6 +69,7 @@ def test_completion_offers_verbs_options_and_configured_names(monkeypatch):
     assert {'bag-doctor', 'bag-play', 'budget'} <= set(offered('pkm b'))
     assert offered('pkm margins --machine p') == ['planar']
     assert values('--machine') == {'four_dof', 'planar', 'xy_stage'}
+    assert offered('pkm layouts --machine p') == ['parallel_layout', 'planar']
     assert values('--motion') == {path.stem for path in Path('config/motions').glob('*.yaml')}
     assert values('--law') == {*(path.stem for path in Path('config/learning').glob('*.yaml')), 'none'}
     assert {'robust', 'computed_torque', 'four_dof_thesis'} <= values('--controller')

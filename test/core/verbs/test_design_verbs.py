@@ -11,7 +11,7 @@ from pkm_core.design.pose_plan import spread_poses
 from pkm_core.errors import PkmError
 from pkm_core.machines import load_machine
 from pkm_core.simulation.true_rests import true_rests
-from pkm_core.verbs import budget, calibrate, singularity, tolerance, workspace
+from pkm_core.verbs import budget, calibrate, joint_forces, layouts, singularity, tolerance, workspace
 
 RUN = CliRunner()
 
@@ -72,7 +72,31 @@ def test_budget_ranks_the_sources(tmp_path):
     text, figures = call(budget.budget, '--machines', '2000', '--poses', '8', folder=tmp_path)
     assert '2000 machines at 8 poses' in text
     assert next(iter(figures['shares_of_variance'])) == 'link lengths'
+    single, multi = (
+        figures['joint_clearance'][f'{kind} um: deviation'] for kind in ('single-DOF, 1', 'multi-DOF, 100')
+    )
+    assert multi['x_um'] == pytest.approx(100.0 * single['x_um'])
+    assert single['x_um'] == pytest.approx(1.0, rel=0.2)  # the accuracy that the thesis aims at
     assert pictures(tmp_path) == ['budget_contributions', 'budget_distribution', 'budget_map']
+
+
+def test_layouts_compares_machines_and_draws_them(tmp_path):
+    names = ('--machine', 'planar', '--machine', 'h_linkage', '--samples', '2000')
+    text, figures = call(layouts.layouts, *names, folder=tmp_path)
+    assert 'triangular' in text
+    assert figures['machines']['planar']['workspace_mm2'] == pytest.approx(392.0938, abs=1e-4)
+    assert list(figures['machines']) == ['planar', 'h_linkage']
+    assert pictures(tmp_path) == ['layouts']
+
+
+def test_joint_forces_prints_peaks_checks_and_a_figure(tmp_path):
+    text, figures = call(joint_forces.joint_forces, '--machine', 'planar', folder=tmp_path)
+    assert 'd1 - link 2' in text
+    assert figures['motion'] == 'planar_80ms'
+    assert max(figures['checks'][key] for key in ('residual_N', 'thrust_error_N', 'reaction_power_W')) < 1e-9
+    row = figures['joints']['guide d1']
+    assert 0.0 < row['along_rms_N'] < row['along_peak_N']
+    assert pictures(tmp_path) == ['joint_forces']
 
 
 def test_calibrate_reads_the_measurements_of_a_simulation(tmp_path):
@@ -109,6 +133,15 @@ def test_calibrate_reads_the_measurements_of_a_simulation(tmp_path):
         (budget.budget, ['--machine', 'xy_stage'], 'has no links'),
         (budget.budget, ['--cluster', 'nobody', '--machines', '10'], "dask scheduler 'nobody'"),
         (calibrate.calibrate, ['--measurements', 'none.csv'], 'cannot be read'),
+        (
+            workspace.workspace,
+            ['--machine', 'parallel_layout', '--samples', '1000'],
+            'pkm layouts prints the workspace',
+        ),
+        (singularity.singularity, ['--machine', 'v_linkage', '--samples', '1000'], 'no proof for a linkage'),
+        (layouts.layouts, ['--machine', 'xy_stage'], 'xy_stage has no links'),
+        (joint_forces.joint_forces, ['--machine', 'h_linkage'], 'has kinematics only'),
+        (joint_forces.joint_forces, ['--motion', 'planar_80ms'], 'motion is for planar; the machine is four_dof'),
     ],
 )
 def test_refusals_name_what_is_wrong(verb, options, message):

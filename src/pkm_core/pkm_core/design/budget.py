@@ -160,3 +160,26 @@ def deviation_from_datum(machine, all_sources, q):
     """
     effects = _effects(machine, [source for source in all_sources if not source.each_pose], np.asarray(q, dtype=float))
     return np.sqrt(np.mean(np.sum((effects - effects.mean(axis=1, keepdims=True)) ** 2, axis=0), axis=0))
+
+
+def clearance_deviations(machine, clearance, q):
+    """
+    Return (standard deviation, worst case), each (m,) [m, rad], of the end point by play in the joints of the links.
+
+    Each link has a joint at both ends. Each lets the end shift along the link by up to half of `clearance` [m] to
+    either side; across the link it has no effect of first order. The deviation is for uniform, independent shifts, the
+    quadratic mean over the poses `q` (poses, n); the worst case is that of all shifts at the worst pose.
+
+    Examples
+    --------
+    >>> from pkm_core.machines import load_machine
+    >>> planar = load_machine('planar')
+    >>> deviation, worst = clearance_deviations(planar, 100e-6, planar.home[np.newaxis])
+    >>> (1e6 * deviation).round(), (1e6 * worst).round()  # um
+    (array([67., 32.]), array([233., 111.]))
+
+    """
+    error_names(machine)  # refuses machines without links
+    S = sensitivities(machine, np.asarray(q, dtype=float), LINKS[machine.config.mechanism])
+    deviation = clearance / np.sqrt(12.0) * np.sqrt(2.0 * np.mean(np.sum(S**2, axis=-1), axis=0))
+    return deviation, clearance * np.abs(S).sum(axis=-1).max(axis=0)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pkm_core.design.interval import Interval
-from pkm_core.errors import WorkspaceError
+from pkm_core.errors import PkmError, WorkspaceError
 
 
 def regularity(machine, q):
@@ -31,6 +31,11 @@ def regularity(machine, q):
     mechanism = machine.config.mechanism
     if mechanism == 'xy_stage':
         return {'abs(det J)': 0.0 * q[0] + 1.0}
+    if mechanism not in ('planar', 'four_dof'):
+        raise PkmError(
+            f'{machine.name}: no proof for a {mechanism}; expected a planar, four_dof or xy_stage. pkm layouts prints '
+            'its condition numbers'
+        )
     geometry = machine.config.geometry
     l2_squared = _square(geometry.l2, q[0])
     gap1 = q[1] - q[0]

@@ -28,7 +28,7 @@ def error_names(machine):
     """Return the names of all errors of lengths, marks and belts of a specimen of `machine`."""
     mechanism = machine.config.mechanism
     if mechanism not in LINKS:
-        raise PkmError(f'{machine.name}: a {mechanism} has no links; known: {sorted(LINKS)}')
+        raise PkmError(f'{machine.name}: a {mechanism} has no links with tolerances; known: {sorted(LINKS)}')
     return (*LINKS[mechanism], *OFFSETS[mechanism], *machine.joints, *BELTS[mechanism])
 
 

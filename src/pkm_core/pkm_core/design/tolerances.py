@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from pkm_core.config import Config, find_config, load_config, quantity
+from pkm_core.config import Config, Length, find_config, load_config, quantity
 
 
 def _spread(unit):
@@ -70,6 +70,13 @@ class GeometryTolerances(Config):
     laser_axes: AngleSpread
 
 
+class JointClearance(Config):
+    """Play of the joints at the ends of the links."""
+
+    single_dof: Annotated[Length, Field(ge=0.0, description='revolute joint, as built')]
+    multi_dof: Annotated[Length, Field(ge=0.0, description='universal or ball joint, for comparison')]
+
+
 class Tolerances(Config):
     """Spreads of all sources of end-point error; the rounding of the encoders is a property of the machine."""
 
@@ -79,6 +86,7 @@ class Tolerances(Config):
     belts: BeltTolerances
     thermal: ThermalTolerances
     geometry: GeometryTolerances | None = None
+    joint_clearance: JointClearance | None = None
 
 
 def load_tolerances(name_or_path='tolerances') -> Tolerances:

@@ -9,7 +9,7 @@ import numpy as np
 from pkm_core.design.envelope import orientation_range, reached_with
 from pkm_core.design.surface import Tessellation, exact_surface, join_contours, tessellate
 from pkm_core.design.workspace import Measured, Slices, extremes, measure, pose_volume, sample_poses, slice_positions
-from pkm_core.errors import WorkspaceError
+from pkm_core.errors import PkmError, WorkspaceError
 from pkm_core.thesis.tolerances import WORKSPACE_BOX
 
 _TESSELLATED = 20_000  # samples; more take minutes
@@ -43,6 +43,8 @@ def box(machine):
 
 def exact_volume(machine, seed):
     """Return the size `Measured` of all reachable positions: [m^3] of a four_dof, [m^2] of machines in the plane."""
+    if machine.config.mechanism == 'layout':
+        raise PkmError(f'{machine.name}: surfaces and slices are those of a four_dof; pkm layouts prints the workspace')
     if machine.config.mechanism != 'four_dof':
         return Measured(pose_volume(machine), 0.0)
     return measure(lambda points: np.isfinite(orientation_range(machine, points).lowest), *box(machine), seed)

@@ -70,6 +70,23 @@ def figures(machine, case, response):
     return result
 
 
+def difference_figures(response, rigid):
+    """
+    Return {'largest_um', 'rms_um'}, each (n,): joints of `response` minus those of the `rigid` model over the forces.
+
+    Source: the differences of Fig. 6.11-6.14, there of measured and simulated positions.
+    """
+    apart = 1e6 * (response.q - _at(rigid, response.time))[response.time <= rigid.time[-1]]
+    return {'largest_um': np.abs(apart).max(axis=0), 'rms_um': np.sqrt(np.mean(apart**2, axis=0))}
+
+
+def _at(response, time):
+    """Return the joint positions of a rigid `Response` at `time` (T,): splines, accurate to 1e-12 m."""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(response.time, response.q)(time)
+
+
 def leaves_travel(machine, time, q):
     """Return (joint, time [s]) of the first joint to leave its travel, or (None, None)."""
     beyond = np.maximum(q - machine.limits.upper, machine.limits.lower - q)
@@ -127,6 +144,27 @@ def draw(folder, name, machine, case, responses):
     axes[0, 1].legend()
     figure.suptitle(f'case {case.title}: {case.rate:g} rad/s, {np.degrees(case.lag):g} deg')
     return save(figure, folder, f'open_loop_{name}')
+
+
+def draw_differences(folder, name, machine, case, responses):
+    """Draw joints of each model minus those of the rigid one into folder/open_loop_<name>_difference.png."""
+    figure = new_figure(8.0, 8.0)
+    panels = figure.subplots(4, 1, sharex=True)
+    rigid = responses['rigid']
+    for model, response in responses.items():
+        if model == 'rigid':
+            continue
+        driven = response.time <= rigid.time[-1]
+        apart = 1e3 * (response.q - _at(rigid, response.time))[driven]
+        for axes, column in zip(panels, apart.T, strict=True):
+            axes.plot(1e3 * response.time[driven], column, linewidth=1.2, label=model)
+    for axes, joint in zip(panels, machine.joints, strict=True):
+        axes.set(ylabel=f'{joint} [mm]')
+        axes.grid(alpha=0.3)
+    panels[0].set_title(f'case {case.title}: difference from the rigid model')
+    panels[0].legend()
+    panels[-1].set_xlabel('time [ms]')
+    return save(figure, folder, f'open_loop_{name}_difference')
 
 
 def draw_belts(folder, name, machine, case, responses):

@@ -5,12 +5,13 @@ from pkm_core.config_errors import short
 from pkm_core.errors import ConfigError
 from pkm_core.machines.base import Limits, Machine
 from pkm_core.machines.four_dof import FourDof
+from pkm_core.machines.kinematic import Layout, Linkage
 from pkm_core.machines.planar import Planar
 from pkm_core.machines.xy_stage import XyStage
 
-__all__ = ['FourDof', 'Limits', 'Machine', 'Planar', 'XyStage', 'load_machine']
+__all__ = ['FourDof', 'Layout', 'Limits', 'Linkage', 'Machine', 'Planar', 'XyStage', 'load_machine']
 
-_MECHANISMS = {'four_dof': FourDof, 'planar': Planar, 'xy_stage': XyStage}
+_MECHANISMS = {'four_dof': FourDof, 'planar': Planar, 'xy_stage': XyStage, 'linkage': Linkage, 'layout': Layout}
 
 
 def load_machine(name_or_path, configuration=None) -> Machine:

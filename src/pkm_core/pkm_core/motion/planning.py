@@ -299,6 +299,7 @@ def _samples(machine, motion, name):
 
 def default_motion(machine):
     """Return the name of the first motion of config/motions that is for `machine`."""
+    machine.dynamic_parameters()  # a machine without dynamics is refused by its own reason
     for name in machine.configuration.names('motions'):
         if read_yaml(machine.configuration.find('motions', name)).get('machine') == machine.name:
             return name

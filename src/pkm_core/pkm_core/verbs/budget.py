@@ -69,6 +69,10 @@ def budget(
     figures = {'machine': machine.name, 'tolerances': tolerances, 'machines': machines, 'poses': poses, 'seed': seed}
     figures |= _figures(machine, result)
     _print(console, machine, result, machines, poses)
+    if spreads.joint_clearance is not None:
+        play = _play(machine, spreads.joint_clearance, poses, seed)
+        figures['joint_clearance'] = _named(machine, play)
+        console.print(_table('play of the joints at both ends of all links', _headings(machine), play))
     if measured:
         rows = _measure(console, machine_name, machine, spreads, environment, measured, (processes, cluster))
         figures['measured'] = {'environment': environment, 'specimens': measured, 'error': _named(machine, rows)}
@@ -120,6 +124,19 @@ def _compute(console, machine, spreads, geometry, machines, poses, seed, cluster
             draw_contributions(out, machine, linear)
             draw_map(out, machine, spreads, seed, geometry)
     return _Result(linear, simulated, seconds)
+
+
+def _play(machine, clearance, poses, seed):
+    """Return {what: end-point error (m,)} in the units that are printed, of single- and of multi-DOF joints."""
+    from pkm_core.design.budget import clearance_deviations
+    from pkm_core.design.budget_monte_carlo import study_poses
+
+    rows, q = {}, study_poses(machine, poses, seed)
+    for title, play in (('single-DOF', clearance.single_dof), ('multi-DOF', clearance.multi_dof)):
+        deviation, worst = clearance_deviations(machine, play, q)
+        rows[f'{title}, {1e6 * play:g} um: deviation'] = _scale(machine) * deviation
+        rows[f'{title}, {1e6 * play:g} um: worst case'] = _scale(machine) * worst
+    return rows
 
 
 def _scale(machine):

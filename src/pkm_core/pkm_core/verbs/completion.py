@@ -30,6 +30,11 @@ def names_of(*kinds, more=()):
     return complete
 
 
+def machines_with_models(incomplete: str):
+    """Return the names of the machines that have a model for controllers: those without dynamics have none."""
+    return _beginning(incomplete, set(_configured('machines')) & set(_configured('model')))
+
+
 def _configured(kind):
     """Return the names of `kind`; none without a configuration, which a verb reports when it runs."""
     try:

@@ -11,12 +11,12 @@ from pkm_core.design.operational_workspace import OperationalWorkspace
 from pkm_core.design.tolerances import Tolerances
 from pkm_core.learning import KINDS
 from pkm_core.learning.tool_law import ToolLawConfig
-from pkm_core.machines import FourDof, Planar, XyStage
+from pkm_core.machines import FourDof, Layout, Linkage, Planar, XyStage
 from pkm_core.motion.planning import Motion
 from pkm_core.plant.truth import Truth
 from pkm_core.tuning.config import ObserverTuning, TuningConfig
 
-MACHINES = (FourDof, Planar, XyStage)
+MACHINES = (FourDof, Planar, XyStage, Linkage, Layout)
 FILES = {
     **{f'config/machines, {get_args(m.Config.model_fields["mechanism"].annotation)[0]}': m.Config for m in MACHINES},
     'config/model': ModelFile,

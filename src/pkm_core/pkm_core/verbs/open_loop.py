@@ -38,14 +38,23 @@ def open_loop(
     """
     Simulate the four sine force cases (5.22)-(5.25) on the rigid machine without losses; options add other models.
 
-    Writes joints and end point over time into --out, one figure and one CSV file per case (Fig. 5.6-5.11).
+    Writes joints and end point over time into --out, one figure and one CSV file per case (Fig. 5.6-5.11). With another
+    model beside the rigid one, a figure has the differences of the joints (Fig. 6.11-6.14).
 
     Example: `pkm open-loop --environment nominal --out runs/open_loop`
 
     Example: `pkm open-loop --belts 100` prints how far the belts let the platforms turn and the end point move.
     """
     from pkm_core.experiments.open_loop import CASES, integrate, play
-    from pkm_core.experiments.open_loop_report import REFERENCE, draw, draw_belts, figures, write_csv
+    from pkm_core.experiments.open_loop_report import (
+        REFERENCE,
+        difference_figures,
+        draw,
+        draw_belts,
+        draw_differences,
+        figures,
+        write_csv,
+    )
 
     console, machine, out = Output(), load_machine(machine_name), out_folder(out)
     responses, results = {}, {}
@@ -58,10 +67,15 @@ def open_loop(
             if environment is not None:
                 responses[name][environment] = play(machine, case, seed, environment)
             results[name] = {kind: figures(machine, case, each) for kind, each in responses[name].items()}
+            for kind, each in responses[name].items():
+                if kind != 'rigid':
+                    results[name][kind]['difference'] = difference_figures(each, responses[name]['rigid'])
             if machine.name == 'four_dof':
                 results[name] = {'reference': REFERENCE[name], **results[name]}
             if out:
                 draw(out, name, machine, case, responses[name])
+                if len(responses[name]) > 1:
+                    draw_differences(out, name, machine, case, responses[name])
                 bending = {kind: each for kind, each in responses[name].items() if each.belts is not None}
                 if bending:
                     draw_belts(out, name, machine, case, bending)
@@ -70,6 +84,9 @@ def open_loop(
     console.print(_table('two periods from rest at home; amplitude about the drift', results, CASES, JOINTS))
     console.print(_table('end point', results, CASES, END_POINT))
     write_figures(json_file, {'machine': machine.name, 'seed': seed, 'belt_stiffness': belts, 'cases': results})
+    apart = {name: {kind: row for kind, row in rows.items() if 'difference' in row} for name, rows in results.items()}
+    if any(apart.values()):
+        console.print(_table('difference of the joints from the rigid model', apart, CASES, DIFFERENCE))
     bent = {name: {kind: row for kind, row in rows.items() if 'belts' in row} for name, rows in results.items()}
     if any(bent.values()):
         console.print(
@@ -106,6 +123,10 @@ def _left(row):
 
 JOINTS = {'net d1, d3, d5, d7 [mm]': _row('net_mm'), 'amplitude [mm]': _row('amplitude_mm')}
 END_POINT = {'span of x, y, z [mm], phi [deg]': _row('span_mm_deg'), 'leaves its travel': _left}
+DIFFERENCE = {
+    heading: lambda row, key=key: ''.join(f'{value:10.2f}' for value in row['difference'][key])
+    for heading, key in (('largest d1, d3, d5, d7 [um]', 'largest_um'), ('root mean square [um]', 'rms_um'))
+}
 BELTS = {
     heading: lambda row, key=key: f'{row["belts"][key]:.4f}'
     for heading, key in (

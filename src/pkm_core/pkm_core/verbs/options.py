@@ -12,7 +12,7 @@ from pkm_core.arrangement import Arrangement
 from pkm_core.config import Configuration
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.files import writable_file, writable_folder, write_json
-from pkm_core.verbs.completion import environments, names_of
+from pkm_core.verbs.completion import environments, machines_with_models, names_of
 
 
 def finite(value):
@@ -68,7 +68,7 @@ CONTROLLERS = names_of(
 
 MachineOption = Annotated[
     str,
-    typer.Option('--machine', autocompletion=names_of('machines'), help='Machine of config/machines, or a YAML file.'),
+    typer.Option('--machine', autocompletion=machines_with_models, help='Machine of config/machines, or a YAML file.'),
 ]
 MotionOption = Annotated[
     str,
