@@ -180,6 +180,13 @@ class Cycles:
             self._fail(cycle, error)
         self.advance(cycle)
 
+    def put_piece(self, cycle, topic, message):
+        """Add a piece of a jog to `cycle`."""
+        try:
+            cycle.take_piece(topic, message)
+        except OSError as error:
+            self._fail(cycle, error)
+
     def put_ticks(self, cycle, block):
         """Add messages of the servo tick to `cycle`; `advance` follows when all topics have been sorted."""
         try:

@@ -203,12 +203,25 @@ class Sorter:
     def _take_trajectories(self, topic, messages):
         for message in messages:
             data = message.tobytes()
-            self._preroll.take_trajectory(topic, data)
             trajectory = self._types.deserialize_cdr(data, self._topics[topic].kind)
+            if trajectory.offset:
+                self._take_piece(topic, message, trajectory.cycle)
+                continue
+            self._preroll.take_trajectory(topic, data)
             self._cycles.reopen(trajectory.cycle)
             cycle = self._cycles.of(trajectory.cycle)
             cycle.take_trajectory(topic, data, trajectory)
             self._cycles.advance(cycle)
+
+    def _take_piece(self, topic, message, number):
+        """Put a piece of a jog into its running cycle."""
+        self.sort()
+        running = self._cycles.current()
+        if running is None or running.number != number:
+            self._warn_of_late(topic, number)
+            return
+        self._preroll.take_piece(topic, message.tobytes())
+        self._cycles.put_piece(running, topic, message)
 
     def _take_events(self, topic, messages):
         self.sort()

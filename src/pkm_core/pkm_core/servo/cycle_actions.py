@@ -9,6 +9,19 @@ class SendSamples:
 
 
 @dataclass(frozen=True, slots=True)
+class SendExtended:
+    """As `SendSamples`, with the first sample of a piece that extends a jog."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extend:
+    """Report that the next piece extends the cycle to `samples`."""
+
+    cycle: int
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
 class AwaitTurn:
     """Call `CycleRun.turn` when the current tick is due in wall time."""
 

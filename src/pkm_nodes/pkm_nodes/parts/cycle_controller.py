@@ -2,7 +2,7 @@
 
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import monotonic
 
 import numpy as np
@@ -14,9 +14,10 @@ from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.metrics import axis_metrics
+from pkm_core.motion.pieces import checked_piece
 from pkm_core.motion.trajectory import SampledTrajectory
 from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerState
-from pkm_interfaces.msg import CycleError, CycleEvent, CycleMetrics, MotorCommand
+from pkm_interfaces.msg import CycleError, CycleEvent, CycleMetrics, EncoderSample, MotorCommand
 from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from_msg
 from pkm_nodes.messages.diagnostics import CYCLE, FOREIGN, NOTICE, OTHERS, REFUSED, STATE, diagnostics
@@ -109,6 +110,9 @@ class CycleLaw:
         `reset()`: forget the state of the law. The machine stands, at home or after a safe stop.
     check : callable
         `check(message)`; `PkmError` if the law cannot drive the cycle of this joint_trajectory.
+    extend : callable
+        `extend(LoadedCycle, offset)`: check a piece of a jog, which begins at sample `offset` of the extended cycle;
+        return the function that puts it in force before the tick of this sample; `PkmError` if the law cannot drive it.
     is_busy : callable
         `is_busy(message)`: whether the cycle of this joint_trajectory has to wait.
     learn : callable
@@ -120,6 +124,7 @@ class CycleLaw:
 
     load: Callable
     reset: Callable
+    extend: Callable
     check: Callable = _nothing
     is_busy: Callable = field(default=lambda _: False)
     learn: Callable = _nothing
@@ -157,6 +162,7 @@ class CycleController:
         self._node, self._machine, self._events, self._law = node, machine, events, law
         self.cycle = ControllerCycle(DISCOVERY)
         self._loaded = None  # LoadedCycle, the last one
+        self._next = None  # (LoadedCycle, function of the law that puts it in force): the next piece of a jog
         publishers = [node.tick_publisher(MotorCommand, f'{joint}/command') for joint in events]
         self._commands, self.senders = zip(*publishers, strict=True)
         self._metrics = [node.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in events]
@@ -176,9 +182,24 @@ class CycleController:
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
         node.create_timer(1.0, self._publish_diagnostics, clock=wall)
 
+    def extended(self, mode):
+        """
+        Take the `mode` of a sample that is not RUN: use the next piece of a jog, or drop the cycle at a safe stop.
+
+        Return whether the tick needs an answer.
+        """
+        if mode != EncoderSample.EXTENDED:
+            self.drop()
+            return False
+        if self._next is not None:  # already in force for the further joints of a tick
+            (self._loaded, put_in_force), self._next = self._next, None
+            put_in_force()
+        return True
+
     def drop(self):
         """Drop the loaded cycle; the law starts the next one as after power-up."""
         self.cycle.end()
+        self._next = None
         self._law.reset()
 
     def finish(self):
@@ -225,7 +246,7 @@ class CycleController:
         if crowd and not self._crowd.stays():
             return
         self._retry.cancel()
-        self._loaded = self.cycle.begin()
+        self._loaded, self._next = self.cycle.begin(), None
         if crowd:
             self._refuse(self.cycle.last, f'cycle {self.cycle.last}: {crowd}')
             return
@@ -248,7 +269,10 @@ class CycleController:
             self.drop()
 
     def _on_trajectory(self, message):
-        """Take the trajectory of the next cycle; report the loaded one again if it is that."""
+        """Take the trajectory of the next cycle, or a piece of it; report the loaded one again if it is that."""
+        if message.offset:
+            self._on_piece(message)
+            return
         action = self.cycle.on_trajectory(message.cycle)
         if action is Action.REPORT:
             if self.cycle.running or not self._crowd.find():
@@ -273,6 +297,31 @@ class CycleController:
         self._retry.reset()
         self.load_if_possible()
 
+    def _on_piece(self, message):
+        """Take the next piece of the running jog; a refused one ends the jog at rest."""
+        loaded, machine = self._loaded, self._machine
+        if message.cycle != self.cycle.active or message.offset != loaded.message.hold:
+            return
+        try:
+            piece = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
+            whole = checked_piece(machine, loaded.trajectory, message.offset, piece)
+            errors = np.zeros((len(whole), len(self._events)))
+            extended = replace(loaded, message=message, trajectory=whole, errors=errors)
+            put_in_force = self._law.extend(extended, message.offset)
+        except PkmError as error:
+            self._log_refusal(f'piece of a jog refused: {error}')
+            for events in self._events.values():
+                events.publish(CycleEvent.NOTICE, message.cycle, message=f'jog: {error}')
+            return
+
+        def put():
+            errors[: message.offset] = loaded.errors[: message.offset]
+            put_in_force()
+
+        self._next = extended, put
+        for events in self._events.values():
+            events.publish(CycleEvent.LOADED, message.cycle, samples=len(whole), hold=message.hold)
+
     def _refuse(self, cycle, error):
         self._log_refusal(f'joint_trajectory refused: {error}')
         if self._announced not in (None, cycle):  # foreign: the event would end the goal that runs or comes
@@ -286,7 +335,9 @@ class CycleController:
 
     def _report_loaded(self):
         for events in self._events.values():
-            events.publish(CycleEvent.LOADED, self.cycle.active, samples=len(self._loaded.trajectory))
+            loaded = self._loaded
+            samples, hold = len(loaded.trajectory), loaded.message.hold
+            events.publish(CycleEvent.LOADED, self.cycle.active, samples=samples, hold=hold)
 
     def _publish_diagnostics(self):
         notice, state, others = self._law.notice(), self.cycle.state, self._crowd.others()
