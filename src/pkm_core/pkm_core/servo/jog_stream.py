@@ -50,6 +50,7 @@ class JogStream:
         self._heard = self._any = -inf  # time of the last message of the commander, of anyone
         self._sent = -inf  # time of the last piece
         self._is_free = False  # the machine uses the last piece
+        self._is_refused = False  # the jog ends for another reason than silence
 
     @property
     def runs(self):
@@ -86,7 +87,7 @@ class JogStream:
         """Begin a jog: its first piece, which rests, is sent."""
         self.state, self.commander = JogState.STARTING, commander
         self._heard, self._twist = now, np.asarray(twist, dtype=float)
-        self._sent, self._is_free = now, False
+        self._sent, self._is_free, self._is_refused = now, False, False
 
     def block(self, now):
         """Take no message until every commander has been silent: of a stream that was refused."""
@@ -107,7 +108,7 @@ class JogStream:
             return None
         silent = now - self._heard
         if silent > END_AFTER:
-            self.stop()
+            self.state = JogState.ENDING
             return None
         self._is_free = False
         # a piece that is late by less than a period does not delay the following ones
@@ -115,10 +116,10 @@ class JogStream:
         return self._twist if silent <= SILENCE else np.zeros_like(self._twist)
 
     def stop(self):
-        """Send no further piece: the machine stops by itself."""
-        if self.state in (JogState.STARTING, JogState.JOGGING):
-            self.state = JogState.ENDING
+        """Send no further piece: the machine stops by itself, and a stream that continues begins no further jog."""
+        if self.runs:
+            self.state, self._is_refused = JogState.ENDING, True
 
     def ended(self):
-        """Note that the cycle has ended. A stream that goes on begins no further jog."""
-        self.state, self.commander = JogState.BLOCKED, ''
+        """Note that the cycle has ended."""
+        self.state, self.commander = JogState.BLOCKED if self._is_refused else JogState.IDLE, ''

@@ -5,6 +5,7 @@ from time import monotonic
 from geometry_msgs.msg import TwistStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from pkm_core.errors import PkmError, TrajectoryError
@@ -13,9 +14,10 @@ from pkm_core.motion.planning import LONGEST_CYCLE
 from pkm_core.servo.jog_stream import JogStream
 from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.runtime.groups import SenderGroup
-from pkm_nodes.runtime.node import CYCLE_QOS
 
 TOPIC = 'jog'
+# best effort: a publisher of either kind is heard, and an old velocity is not worth its delivery
+_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 FRAMES = ('', 'base_link')
 # [s, wall] period in which a piece that is due is looked for: a fifth of `PERIOD`
 _LOOK = 5e-3
@@ -49,7 +51,7 @@ class Jog:
         self._ends = {}  # (n,) [m] where the cycle ends, by its length with the pieces sent
         self._limit = ''  # why the platform moves slower than commanded
         self._topic = node.create_subscription(
-            TwistStamped, TOPIC, self._on_twist, CYCLE_QOS, callback_group=SenderGroup(), raw=True
+            TwistStamped, TOPIC, self._on_twist, _QOS, callback_group=SenderGroup(), raw=True
         ).topic_name
         self._timer = node.create_timer(_LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()
@@ -95,6 +97,7 @@ class Jog:
         try:
             await self._run(self._planned)
         except PkmError as error:
+            self._stream.stop()
             self._commands.refuse(str(error), TOPIC)
         finally:
             self._cycles.follow = None
@@ -104,8 +107,9 @@ class Jog:
     def _on_event(self, event):
         """Take STARTED or EXTENDED of the cycle."""
         if event.event == CycleEvent.EXTENDED:
+            if event.samples not in self._ends:
+                return
             self._planned.end[:] = self._ends[event.samples]
-            self._ends = {event.samples: self._planned.end}
         self._stream.accepted()
         self._look()
 
@@ -126,7 +130,7 @@ class Jog:
             self._stream.stop()
             self._commands.refuse(f'jog: stops: {error}', TOPIC)
             return
-        self._ends[piece.samples] = piece.end
+        self._ends = {piece.samples: piece.end}
         for topic, message in self._plans.of_piece(piece, TOPIC).first:
             self._cycles.send(topic, message)
         if piece.limited and not self._limit:
