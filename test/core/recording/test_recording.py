@@ -5,6 +5,7 @@ import shutil
 import pytest
 
 from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.pieces import EXTENDED
 from pkm_core.bag.reader import column, read_metadata, read_topics
 from pkm_core.bag.repair import repair
 from pkm_core.errors import BagError
@@ -44,6 +45,52 @@ def test_split_bag_reads_as_one_cycle(cell):
     record = read_cycle(path)
     assert record.is_whole
     assert record.recorded['/pkm/d7/cycle_metrics'] == 1
+
+
+def test_jog_of_several_pieces_reads_as_one_cycle(cell):
+    """The piece at sample 30 came too late: the machine has driven the end of the one before."""
+    cell.load(1, 'jog', samples=40, hold=10)
+    cell.tell('STARTED', 1, 0)
+    for index in range(SAMPLES):
+        if index == 5:
+            cell.load(1, 'jog', samples=SAMPLES - 10, offset=10, hold=30, position=1e-3)
+        if index == 31:
+            cell.load(1, 'jog', samples=SAMPLES, offset=30, hold=50, position=2e-3)
+        cell.tick(1, index, index, mode=EXTENDED if index == 10 else 0)
+    cell.recording.sort()
+    snapshot = cell.recording.snapshot()
+    cell.finish(1, SAMPLES)
+    outcome = cell.outcome()
+    assert (outcome.lost, outcome.surplus, cell.warnings) == ({}, {}, [])
+    record = read_cycle(outcome.path)
+    assert record.is_whole
+    assert (record.motion, record.samples) == ('jog', SAMPLES)
+    for rows in (record.reference, record.pose_reference):
+        assert rows[:, 0].tolist() == [0.0] * 10 + [1e-3] * 50
+    assert (record.move_starts.tolist(), record.move_ends.tolist()) == ([0], [11])
+    assert read_cycle(snapshot).reference[:, 0].tolist() == [0.0] * 10 + [1e-3] * 50
+    assert repair(outcome.path) is None
+
+
+def test_late_piece_of_a_closed_jog_is_not_recorded(cell):
+    cell.load(1, 'jog', hold=10)
+    cell.run(1, 0)
+    cell.finish(1, SAMPLES)
+    cell.outcome()
+    cell.load(1, 'jog', offset=50, hold=60)
+    assert len(cell.warnings) == 2
+    assert 'a message of cycle 1 arrived after its bag was closed' in cell.warnings[0]
+
+
+def test_jog_whose_driven_piece_is_missing_is_refused(cell):
+    cell.load(1, 'jog', hold=10)
+    cell.tell('STARTED', 1, 0)
+    for index in range(SAMPLES):
+        cell.tick(1, index, index, mode=EXTENDED if index == 10 else 0)
+    cell.finish(1, SAMPLES)
+    cell.recording.sort()
+    with pytest.raises(BagError, match=r'joint_trajectory: the pieces of the jog at samples \[10\] are missing'):
+        read_cycle(cell.outcome().path)
 
 
 def test_snapshot_works_while_recording_is_stopped(tmp_path):
