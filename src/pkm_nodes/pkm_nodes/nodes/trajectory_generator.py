@@ -54,7 +54,7 @@ class TrajectoryGeneratorNode(PkmNode):
             self, self._geometry, calibrated, self._cycles.occupy, self._cycles.publish_notice
         )
         commands = JointCommands(self, self._cycles, self._plans, self._run_command)
-        Jog(self, self._cycles, self._plans, commands, self._run_command)
+        self._jog = Jog(self, self._cycles, self._plans, commands, self._run_command)
         self.offer('trajectory_generator/reload', self._plans.reload)
         served = (
             (ExecuteMotion, 'execute_motion', self._execute),

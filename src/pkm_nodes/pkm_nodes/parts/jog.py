@@ -59,6 +59,8 @@ class Jog:
     def _on_twist(self, data, sender=b''):
         now, name = monotonic(), self._commands.name_of(self._topic, sender)
         try:
+            if not sender and self._node.count_publishers(self._topic) > 1:
+                raise PkmError(f'jog: {name} cannot be told apart without the fast path; allowed: one publisher')
             twist = self._read(data)
             if not self._stream.commanded(now, name, twist):
                 return
@@ -101,7 +103,6 @@ class Jog:
             self._commands.refuse(str(error), TOPIC)
         finally:
             self._cycles.follow = None
-            self._timer.cancel()
             self._stream.ended()
 
     def _on_event(self, event):
@@ -115,6 +116,9 @@ class Jog:
 
     def _look(self):
         """Send the next piece if it is due."""
+        if not self._stream.runs:
+            self._timer.cancel()
+            return
         twist = self._stream.due(monotonic())
         if twist is None:
             return
