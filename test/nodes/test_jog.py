@@ -114,6 +114,17 @@ def test_turn_about_z_moves_phi_alone(stick):
     np.testing.assert_allclose(velocity_at_hold(stick.piece(wz=0.1)), [0.0, 0.0, 0.0, 0.1], atol=1e-15)
 
 
+def test_cell_whose_controllers_take_no_pieces_refuses_a_jog(graph, stick, stand_in):
+    """A controller of the user's own would take a piece for a cycle: it is sent none."""
+    stick.send(x=0.001)
+    graph.spin_until(lambda: stand_in.trajectories, 'the first piece')
+    stand_in.tell(CycleEvent.STARTED, 1)
+    assert refusal(graph) == 'jog: a controller of this cell takes no pieces: its LOADED event has no hold'
+    stick.send(x=0.001)
+    graph.spin_in_silence()
+    assert len(stand_in.trajectories) == 1
+
+
 def test_next_piece_waits_until_the_machine_uses_the_last_one(graph, stick, stand_in):
     stick.begin(x=0.001)
     stick.send(x=0.001)

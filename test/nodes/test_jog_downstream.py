@@ -118,6 +118,23 @@ def test_controller_drives_each_piece_from_its_first_sample(graph, jog, node, na
     assert len(errors[0].error) == len(whole)
 
 
+@pytest.mark.parametrize(
+    ('node', 'named', 'joints'),
+    [(JointControllerNode, {'joint': 'd3'}, ('d3',)), (ComputedTorqueControllerNode, {}, JOINTS)],
+    ids=['robust', 'computed torque'],
+)
+def test_piece_that_overtakes_the_tick_before_it_is_kept(graph, jog, node, named, joints):
+    """The messages of two topics may be read in another order than they were sent in."""
+    graph.start(node, **named)
+    first, second, third = (piece.offset for piece in jog.pieces)
+    whole = joined(joined(jog.joints[0], second, jog.joints[1]), third, jog.joints[2]).position
+    for number in range(3):
+        jog.load(number, joints)
+    assert not any(jog.drive(whole, first, second, joints))
+    assert not any(jog.drive(whole, second, third, joints, EncoderSample.EXTENDED))
+    assert not any(jog.drive(whole, third, len(whole), joints, EncoderSample.EXTENDED))
+
+
 def test_controller_refuses_a_piece_with_a_jump(graph, jog):
     """The machine then drives the stop of the piece before; nothing ends the cycle earlier."""
     graph.start(JointControllerNode, joint='d3')

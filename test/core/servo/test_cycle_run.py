@@ -470,6 +470,16 @@ def test_random_events_keep_barrier_and_run_consistent(window, events):
     assert shell.ended == sorted(set(shell.ended))
 
 
+@pytest.mark.parametrize(('holds', 'hold'), [((1, 1), 1), ((1, 0), 0), ((1, 2), 0), ((4, 4), 0), ((9, 9), 0)])
+def test_cycle_is_a_jog_if_all_joints_hold_within_it(holds, hold):
+    """A controller that takes no pieces reports no hold: then the machine waits for none."""
+    run = run_in(STANDING, window=None)
+    run.announced(CYCLE)
+    for joint, own in zip(JOINTS, holds, strict=True):
+        run.loaded(joint, CYCLE, 4, 0.0, own)
+    assert run.look(0.0, 1, []) == (Start(CYCLE, 4, hold), SendSamples())
+
+
 def jogging(window=None):
     """Return a run that has sent the last tick before its hold: 4 samples, held before sample 1."""
     run = run_in(STANDING, window=window)
@@ -492,7 +502,7 @@ def test_piece_that_is_loaded_in_time_extends_the_cycle_at_once():
     assert (run.advanced(4, 0.0), run.state) == ((), AWAITING)
 
 
-def test_piece_that_comes_while_the_machine_waits_extends_the_cycle():
+def test_piece_that_the_machine_waits_for_extends_the_cycle():
     run = jogging()
     assert (run.advanced(2, 0.0), run.state) == ((), AWAITING)
     load_piece(run, 5, 2, 'a')

@@ -71,6 +71,16 @@ def test_second_commander_is_refused_and_both_are_named():
     np.testing.assert_array_equal(stream.due(0.0), UP)
 
 
+def test_commander_is_known_by_its_publisher_not_by_its_name():
+    """The graph tells the name of a new node some time after its first message."""
+    stream = JogStream(PERIOD)
+    assert stream.commanded(0.0, 'unknown', UP, b'1')
+    stream.begun(0.0, 'unknown', UP, b'1')
+    assert stream.commanded(0.01, '/a', UP, b'1') is False
+    with pytest.raises(TrajectoryError, match='jog of /a: the jog of /a is running'):
+        stream.commanded(0.01, '/a', UP, b'2')
+
+
 def test_no_piece_is_due_before_the_machine_uses_the_last_one():
     stream = stream_in(JOGGING)
     assert stream.due(0.0) is not None

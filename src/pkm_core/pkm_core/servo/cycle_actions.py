@@ -28,10 +28,11 @@ class AwaitTurn:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Start the cycle; its first samples follow at once, or after a pause."""
+    """Start the cycle; its first samples follow at once, or after a pause. `hold` is that of a jog, otherwise 0."""
 
     cycle: int
     samples: int
+    hold: int = 0
 
 
 @dataclass(frozen=True, slots=True)

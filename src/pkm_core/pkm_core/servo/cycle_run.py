@@ -295,7 +295,7 @@ class CycleRun:
         self._sending = SEND_SAMPLES
         self.state, self.cycle, self.index, self._samples = _RUNNING, self._next_cycle, 0, self._pieces.stop
         self.pace.begin(tick, now)
-        return Start(self.cycle, longest), *self._release(tick, now)
+        return Start(self.cycle, longest, self._pieces.hold), *self._release(tick, now)
 
     def _refuse(self, reason):
         self._discard()

@@ -45,9 +45,9 @@ class JogStream:
 
     def __init__(self, period):
         self._period = period
-        self.state, self.commander = JogState.IDLE, ''
+        self.state, self.commander, self._sender = JogState.IDLE, '', b''
         self._twist = np.zeros(0)
-        self._heard = self._any = -inf  # time of the last message of the commander, of anyone
+        self._heard = self._any = -inf  # time of the last message of the commander, of all
         self._sent = -inf  # time of the last piece
         self._is_free = False  # the machine uses the last piece
         self._is_refused = False  # the jog ends for another reason than silence
@@ -57,11 +57,12 @@ class JogStream:
         """Whether a jog has begun and not ended."""
         return self.state in (JogState.STARTING, JogState.JOGGING, JogState.ENDING)
 
-    def commanded(self, now, commander, twist):
+    def commanded(self, now, commander, twist, sender=b''):
         """
         Take a message: `twist` (m,) [m/s, rad/s]. Return whether a jog begins: call `begun` or `block` then.
 
-        A stream of zeros begins nothing. Neither does a stream that goes on after a refusal or an end: it has to be
+        `commander` is a name, `sender` the GID of the publisher or empty: the name of a new node may be unknown at
+        first. A stream of zeros begins nothing. Neither does one that continues after a refusal or an end: it has to be
         silent for `END_AFTER` first.
 
         Raises
@@ -70,7 +71,10 @@ class JogStream:
             If another commander runs the jog.
 
         """
-        if self.runs and commander != self.commander:
+        own = sender == self._sender if sender else commander == self.commander
+        if self.runs and own:
+            self.commander = commander
+        elif self.runs:
             raise TrajectoryError(
                 f'jog of {commander}: the jog of {self.commander} is running; wait until it has been silent for '
                 f'{END_AFTER:g} s'
@@ -83,9 +87,9 @@ class JogStream:
             return False
         return self.state is JogState.IDLE and bool(np.any(twist))
 
-    def begun(self, now, commander, twist):
+    def begun(self, now, commander, twist, sender=b''):
         """Begin a jog: its first piece, which rests, is sent."""
-        self.state, self.commander = JogState.STARTING, commander
+        self.state, self.commander, self._sender = JogState.STARTING, commander, sender
         self._heard, self._twist = now, np.asarray(twist, dtype=float)
         self._sent, self._is_free, self._is_refused = now, False, False
 

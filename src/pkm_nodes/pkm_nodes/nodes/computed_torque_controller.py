@@ -61,7 +61,7 @@ class ComputedTorqueControllerNode(PkmNode):
     def _on_sample(self, column, data):
         """Take the sample of one encoder; the last one of a tick makes all commands: the hot path."""
         tick, cycle, index, mode, _, position = ENCODER_SAMPLE.unpack(data)
-        if mode != EncoderSample.RUN and not self._cycles.extended(mode):
+        if mode != EncoderSample.RUN and not self._cycles.extended(mode, index):
             return
         if cycle != self._cycle.active:
             return

@@ -167,7 +167,7 @@ class JointControllerNode(PkmNode):
         """Answer one encoder tick: the hot path."""
         tick, cycle, index, mode, _, position = ENCODER_SAMPLE.unpack(data)
         # a safe stop: the cycle has ended, and the next one starts as after power-up
-        if mode != EncoderSample.RUN and not self._cycles.extended(mode):
+        if mode != EncoderSample.RUN and not self._cycles.extended(mode, index):
             return
         if cycle != self._cycle.active:
             return

@@ -178,11 +178,11 @@ class MachineNode(PkmNode):
                     self._await_answers(monotonic(), EncoderSample.EXTENDED)
                 case AwaitTurn():
                     self._timing.await_turn()
-                case Start(cycle, samples):
+                case Start(cycle, samples, hold):
                     self._time.leave_rest(self._laser)
                     self._plant.start_cycle(cycle)
                     self._cycle_publisher.publish(UInt32(data=cycle))
-                    self._publish_event(CycleEvent.STARTED, cycle, samples=samples)
+                    self._publish_event(CycleEvent.STARTED, cycle, samples=samples, hold=hold)
                 case Extend(cycle, samples):
                     self._publish_event(CycleEvent.EXTENDED, cycle, samples=samples)
                 case Finish(cycle, samples):

@@ -1,6 +1,7 @@
 """The cycles of a controller between ticks: load the trajectory, report it, publish errors and metrics afterwards."""
 
 from array import array
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from time import monotonic
@@ -162,7 +163,8 @@ class CycleController:
         self._node, self._machine, self._events, self._law = node, machine, events, law
         self.cycle = ControllerCycle(DISCOVERY)
         self._loaded = None  # LoadedCycle, the last one
-        self._next = None  # (LoadedCycle, function of the law that puts it in force): the next piece of a jog
+        # (LoadedCycle, function that puts it in force): the next pieces of a jog, two if one overtakes its first tick
+        self._next = deque()
         publishers = [node.tick_publisher(MotorCommand, f'{joint}/command') for joint in events]
         self._commands, self.senders = zip(*publishers, strict=True)
         self._metrics = [node.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in events]
@@ -182,24 +184,24 @@ class CycleController:
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
         node.create_timer(1.0, self._publish_diagnostics, clock=wall)
 
-    def extended(self, mode):
+    def extended(self, mode, index):
         """
-        Take the `mode` of a sample that is not RUN: use the next piece of a jog, or drop the cycle at a safe stop.
+        Take the `mode`, not RUN, of sample `index`: use the next piece of a jog, or drop the cycle at a safe stop.
 
         Return whether the tick needs an answer.
         """
         if mode != EncoderSample.EXTENDED:
             self.drop()
             return False
-        if self._next is not None:  # already in force for the further joints of a tick
-            (self._loaded, put_in_force), self._next = self._next, None
+        if self._next and self._next[0][0].message.offset == index:  # else in force: a further joint of the tick
+            self._loaded, put_in_force = self._next.popleft()
             put_in_force()
         return True
 
     def drop(self):
         """Drop the loaded cycle; the law starts the next one as after power-up."""
         self.cycle.end()
-        self._next = None
+        self._next.clear()
         self._law.reset()
 
     def finish(self):
@@ -246,7 +248,8 @@ class CycleController:
         if crowd and not self._crowd.stays():
             return
         self._retry.cancel()
-        self._loaded, self._next = self.cycle.begin(), None
+        self._loaded = self.cycle.begin()
+        self._next.clear()
         if crowd:
             self._refuse(self.cycle.last, f'cycle {self.cycle.last}: {crowd}')
             return
@@ -299,7 +302,7 @@ class CycleController:
 
     def _on_piece(self, message):
         """Take the next piece of the running jog; a refused one ends the jog at rest."""
-        loaded, machine = self._loaded, self._machine
+        loaded, machine = self._next[-1][0] if self._next else self._loaded, self._machine
         if message.cycle != self.cycle.active or message.offset != loaded.message.hold:
             return
         try:
@@ -318,7 +321,7 @@ class CycleController:
             errors[: message.offset] = loaded.errors[: message.offset]
             put_in_force()
 
-        self._next = extended, put
+        self._next.append((extended, put))
         for events in self._events.values():
             events.publish(CycleEvent.LOADED, message.cycle, samples=len(whole), hold=message.hold)
 

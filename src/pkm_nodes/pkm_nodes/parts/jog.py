@@ -16,7 +16,7 @@ from pkm_interfaces.msg import CycleEvent
 from pkm_nodes.runtime.groups import SenderGroup
 
 TOPIC = 'jog'
-# best effort: a publisher of either kind is heard, and an old velocity is not worth its delivery
+# best effort: publishers of either kind are connected, and an old velocity need not be delivered again
 _QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 FRAMES = ('', 'base_link')
 # [s, wall] period in which a piece that is due is looked for: a fifth of `PERIOD`
@@ -59,12 +59,12 @@ class Jog:
     def _on_twist(self, data, sender=b''):
         now, name = monotonic(), self._commands.name_of(self._topic, sender)
         try:
+            twist = self._read(data)
             if not sender and self._node.count_publishers(self._topic) > 1:
                 raise PkmError(f'jog: {name} cannot be told apart without the fast path; allowed: one publisher')
-            twist = self._read(data)
-            if not self._stream.commanded(now, name, twist):
+            if not self._stream.commanded(now, name, twist, sender):
                 return
-            self._begin(now, name, twist)
+            self._begin(now, name, twist, sender)
         except PkmError as refusal:
             if not self._stream.runs:
                 self._stream.block(now)
@@ -82,13 +82,13 @@ class Jog:
         turns = {'wx': angular.x, 'wy': angular.y, 'phi': angular.z}
         return check_twist(self._plans.machine, {'x': linear.x, 'y': linear.y, 'z': linear.z, **turns})
 
-    def _begin(self, now, name, twist):
+    def _begin(self, now, name, twist, sender):
         self._cycles.refuse_second(f'jog of {name}')
         self._planner = JogPlanner(self._plans.machine, self._cycles.standing.position, self._plans.check)
         piece = self._planner.next(twist)
         self._planned = self._plans.of_piece(piece, TOPIC)
         self._ends, self._limit = {piece.samples: piece.end}, ''
-        self._stream.begun(now, name, twist)
+        self._stream.begun(now, name, twist, sender)
         self._commands.accept()
         self._cycles.goal = f'jog of {name}'  # from now on another command is refused
         self._node.executor.create_task(self._perform())
@@ -107,6 +107,10 @@ class Jog:
 
     def _on_event(self, event):
         """Take STARTED or EXTENDED of the cycle."""
+        if event.event == CycleEvent.STARTED and not event.hold:
+            self._stream.stop()
+            self._commands.refuse('jog: a controller of this cell takes no pieces: its LOADED event has no hold', TOPIC)
+            return
         if event.event == CycleEvent.EXTENDED:
             if event.samples not in self._ends:
                 return
