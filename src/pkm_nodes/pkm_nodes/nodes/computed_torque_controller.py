@@ -14,8 +14,9 @@ from pkm_core.motion.pieces import rows_from
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.messages.conversions import is_identification
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
-from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains, following_error_limit
+from pkm_nodes.parts.cycle_controller import CycleController, choose_gains, following_error_limit
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.cycle_law import CycleLaw
 from pkm_nodes.parts.loaded_config import LoadedConfig
 from pkm_nodes.runtime.node import PkmNode, entry_point
 

@@ -23,8 +23,9 @@ from pkm_nodes.messages.conversions import learns
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 from pkm_nodes.parts.axis_excitation import AxisExcitation
 from pkm_nodes.parts.axis_learning import AxisLearning
-from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains, following_error_limit
+from pkm_nodes.parts.cycle_controller import CycleController, choose_gains, following_error_limit
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.cycle_law import CycleLaw
 from pkm_nodes.parts.gain_parameters import GainParameters, flat
 from pkm_nodes.parts.loaded_config import LoadedConfig
 from pkm_nodes.runtime.node import PkmNode, entry_point

@@ -1,9 +1,6 @@
 """The cycles of a controller between ticks: load the trajectory, report it, publish errors and metrics afterwards."""
 
 from array import array
-from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from time import monotonic
 
 import numpy as np
@@ -15,14 +12,13 @@ from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.metrics import axis_metrics
-from pkm_core.motion.pieces import checked_piece
-from pkm_core.motion.trajectory import SampledTrajectory
 from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerState
 from pkm_interfaces.msg import CycleError, CycleEvent, CycleMetrics, EncoderSample, MotorCommand
-from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
 from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from_msg
 from pkm_nodes.messages.diagnostics import CYCLE, FOREIGN, NOTICE, OTHERS, REFUSED, STATE, diagnostics
 from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.parts.cycle_law import LoadedCycle
+from pkm_nodes.parts.cycle_pieces import CyclePieces
 from pkm_nodes.parts.encoder_crowd import EncoderCrowd
 from pkm_nodes.parts.follow_standing import follow_standing
 from pkm_nodes.parts.one_source import subscribe_joint_trajectory
@@ -84,54 +80,6 @@ def choose_gains(node, *kinds):
     return machine, chosen, gains
 
 
-@dataclass(frozen=True, eq=False)
-class LoadedCycle:
-    """A cycle with its trajectory in joints."""
-
-    message: SampledTrajectoryMessage  # joint_trajectory
-    trajectory: SampledTrajectory
-    feedforward: np.ndarray | None  # (N, joints of the machine) [V] that the cycle brings along
-    errors: np.ndarray  # (N, joints of the controller) [m], written on the tick path
-
-
-def _nothing(*_):
-    """Do nothing."""
-
-
-@dataclass(frozen=True)
-class CycleLaw:
-    """
-    The law of a controller, as functions that `CycleController` calls between ticks.
-
-    Attributes
-    ----------
-    load : callable
-        `load(LoadedCycle)`; `PkmError` if the law cannot drive it.
-    reset : callable
-        `reset()`: forget the state of the law. The machine stands, at home or after a safe stop.
-    check : callable
-        `check(message)`; `PkmError` if the law cannot drive the cycle of this joint_trajectory.
-    extend : callable
-        `extend(LoadedCycle, offset)`: check a piece of a jog, which begins at sample `offset` of the extended cycle;
-        return the function that puts it in force before the tick of this sample; `PkmError` if the law cannot drive it.
-    is_busy : callable
-        `is_busy(message)`: whether the cycle of this joint_trajectory has to wait.
-    learn : callable
-        `learn(LoadedCycle)` after the last tick.
-    notice : callable
-        `notice()`: warning for the diagnostics, '' if there is none.
-
-    """
-
-    load: Callable
-    reset: Callable
-    extend: Callable
-    check: Callable = _nothing
-    is_busy: Callable = field(default=lambda _: False)
-    learn: Callable = _nothing
-    notice: Callable = field(default=lambda: '')
-
-
 class CycleController:
     """
     The cycles of one or more joints; a node owns it and answers the ticks.
@@ -163,8 +111,6 @@ class CycleController:
         self._node, self._machine, self._events, self._law = node, machine, events, law
         self.cycle = ControllerCycle(DISCOVERY)
         self._loaded = None  # LoadedCycle, the last one
-        # (LoadedCycle, function that puts it in force): the next pieces of a jog, two if one overtakes its first tick
-        self._next = deque()
         publishers = [node.tick_publisher(MotorCommand, f'{joint}/command') for joint in events]
         self._commands, self.senders = zip(*publishers, strict=True)
         self._metrics = [node.create_publisher(CycleMetrics, f'{joint}/cycle_metrics', CYCLE_QOS) for joint in events]
@@ -180,6 +126,7 @@ class CycleController:
         self._crowd = EncoderCrowd(node)
         self._announced = None  # number of the cycle of the goal, None before the first one
         self._log_refusal = LogThrottle(node.get_logger(), is_error=True)
+        self._pieces = CyclePieces(machine, events, law, self._log_refusal)
         self._foreign_before = 0  # messages of other publishers before the loaded cycle
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
         node.create_timer(1.0, self._publish_diagnostics, clock=wall)
@@ -193,15 +140,13 @@ class CycleController:
         if mode != EncoderSample.EXTENDED:
             self.drop()
             return False
-        if self._next and self._next[0][0].message.offset == index:  # else in force: a further joint of the tick
-            self._loaded, put_in_force = self._next.popleft()
-            put_in_force()
+        self._loaded = self._pieces.put_in_force(index) or self._loaded
         return True
 
     def drop(self):
         """Drop the loaded cycle; the law starts the next one as after power-up."""
         self.cycle.end()
-        self._next.clear()
+        self._pieces.clear()
         self._law.reset()
 
     def finish(self):
@@ -249,7 +194,7 @@ class CycleController:
             return
         self._retry.cancel()
         self._loaded = self.cycle.begin()
-        self._next.clear()
+        self._pieces.clear()
         if crowd:
             self._refuse(self.cycle.last, f'cycle {self.cycle.last}: {crowd}')
             return
@@ -274,7 +219,8 @@ class CycleController:
     def _on_trajectory(self, message):
         """Take the trajectory of the next cycle, or a piece of it; report the loaded one again if it is that."""
         if message.offset:
-            self._on_piece(message)
+            if message.cycle == self.cycle.active:
+                self._pieces.take(message, self._loaded)
             return
         action = self.cycle.on_trajectory(message.cycle)
         if action is Action.REPORT:
@@ -299,31 +245,6 @@ class CycleController:
         self.cycle.wait_for(message.cycle, LoadedCycle(message, trajectory, feedforward, errors), monotonic())
         self._retry.reset()
         self.load_if_possible()
-
-    def _on_piece(self, message):
-        """Take the next piece of the running jog; a refused one ends the jog at rest."""
-        loaded, machine = self._next[-1][0] if self._next else self._loaded, self._machine
-        if message.cycle != self.cycle.active or message.offset != loaded.message.hold:
-            return
-        try:
-            piece = trajectory_from_msg(message, coordinates=machine.joints, sample_time=machine.sample_time)
-            whole = checked_piece(machine, loaded.trajectory, message.offset, piece)
-            errors = np.zeros((len(whole), len(self._events)))
-            extended = replace(loaded, message=message, trajectory=whole, errors=errors)
-            put_in_force = self._law.extend(extended, message.offset)
-        except PkmError as error:
-            self._log_refusal(f'piece of a jog refused: {error}')
-            for events in self._events.values():
-                events.publish(CycleEvent.NOTICE, message.cycle, message=f'jog: {error}')
-            return
-
-        def put():
-            errors[: message.offset] = loaded.errors[: message.offset]
-            put_in_force()
-
-        self._next.append((extended, put))
-        for events in self._events.values():
-            events.publish(CycleEvent.LOADED, message.cycle, samples=len(whole), hold=message.hold)
 
     def _refuse(self, cycle, error):
         self._log_refusal(f'joint_trajectory refused: {error}')
