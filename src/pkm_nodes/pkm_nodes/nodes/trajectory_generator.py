@@ -2,10 +2,10 @@
 Node `trajectory_generator`: commands in, one pose_trajectory per cycle out.
 
 A command is a goal of execute_motion, go_to or home, a joint_trajectory_command, or a stream on jog; where package
-control_msgs is installed, also a goal of follow_joint_trajectory. It is run cycle by cycle: publish the trajectory, wait
-until the machine has run it, begin the next cycle. The trajectory is resent every second until the machine starts the
-cycle, so the nodes may start in any order. When the process of the machine disappears during a cycle, the cycle ends
-with a STOP event. An experiment of identification is planned in joints: its joint_trajectory and excitation are
+control_msgs is installed, also a goal of follow_joint_trajectory. It is run cycle by cycle: publish the trajectory,
+wait until the machine has run it, begin the next cycle. The trajectory is resent every second until the machine starts
+the cycle, so the nodes may start in any order. When the process of the machine disappears during a cycle, the cycle
+ends with a STOP event. An experiment of identification is planned in joints: its joint_trajectory and excitation are
 published with its pose_trajectory.
 
 The node serves the actions. `GoalPlans` plans, `GoalCycles` publishes and follows the cycles.
