@@ -20,13 +20,18 @@ from pkm_nodes.runtime.node import CYCLE_QOS, PkmNode
 from support.goals import MOTION
 
 
-class Stick:
+class Commander:
     """A commander that streams in a time of its own, and the machine that uses its pieces at once."""
 
     def __init__(self, graph, stand_in, publisher, monkeypatch):
         self._graph, self._stand_in, self._publisher = graph, stand_in, publisher
         self.now = 0.0
         monkeypatch.setattr('pkm_nodes.parts.jog.monotonic', lambda: self.now)
+
+    @property
+    def pieces(self):
+        """The messages that extend a cycle; that which begins it may come again, once per second of wall time."""
+        return [each for each in self._stand_in.trajectories if each.offset]
 
     def send(self, frame='base_link', **velocities):
         """Send a message, after a little more than the time of one piece."""
@@ -47,9 +52,9 @@ class Stick:
         """Send a message and return the piece that follows it, which the machine uses."""
         if velocities:
             self.send(**velocities)
-        number = len(self._stand_in.trajectories)
-        self._graph.spin_until(lambda: len(self._stand_in.trajectories) > number, 'a piece')
-        return self.use(self._stand_in.trajectories[-1])
+        number = len(self.pieces)
+        self._graph.spin_until(lambda: len(self.pieces) > number, 'a piece')
+        return self.use(self.pieces[-1])
 
     def use(self, piece):
         samples = piece.offset + len(piece.position) // len(piece.coordinates)
@@ -67,8 +72,8 @@ def generator(graph):
 
 
 @pytest.fixture
-def stick(graph, generator, stand_in, monkeypatch):
-    return Stick(graph, stand_in, graph.publisher(TwistStamped, 'jog', 10), monkeypatch)
+def commander(graph, generator, stand_in, monkeypatch):
+    return Commander(graph, stand_in, graph.publisher(TwistStamped, 'jog', 10), monkeypatch)
 
 
 def velocity_at_hold(piece):
@@ -80,60 +85,60 @@ def refusal(graph):
     return graph.next_event(CycleEvent.NOTICE, source='trajectory_generator').message
 
 
-def test_stream_runs_as_one_cycle_that_stays(graph, stick, stand_in, machine):
-    first = stick.begin(z=0.002)
+def test_stream_runs_as_one_cycle_that_stays(graph, commander, stand_in, machine):
+    first = commander.begin(z=0.002)
     assert (first.motion, first.learning_law, first.stay, first.offset) == ('jog', 'none', True, 0)
     assert not np.any(first.velocity)
-    pieces = [stick.piece(z=0.002) for _ in range(3)]
+    pieces = [commander.piece(z=0.002) for _ in range(3)]
     assert {piece.cycle for piece in pieces} == {1}
     assert [piece.offset for piece in pieces] == [first.hold, pieces[0].hold, pieces[1].hold]
     np.testing.assert_allclose(velocity_at_hold(pieces[-1]), [0.0, 0.0, 0.002, 0.0], atol=1e-15)
-    stick.is_silent_for(END_AFTER + PERIOD)
+    commander.is_silent_for(END_AFTER + PERIOD)
     graph.spin_in_silence()
-    assert len(stand_in.trajectories) == 4
+    assert len(commander.pieces) == 3
     stand_in.finish(1)
     graph.next_event(CycleEvent.FINISHED)
-    second = stick.begin(2, z=-0.002)  # from where the first one ended
+    second = commander.begin(2, z=-0.002)  # from where the first one ended
     times = {'coordinates': machine.coordinates, 'sample_time': machine.sample_time}
     ends = [to_joints(machine, trajectory_from_msg(each, **times)).position for each in (pieces[-1], second)]
     np.testing.assert_allclose(ends[1][0], ends[0][-1], atol=1e-12)
 
 
-def test_silent_stream_stops_and_is_followed_when_it_returns(stick):
+def test_silent_stream_stops_and_is_followed_when_it_returns(commander):
     """Late messages: the platform stops within the cycle, which follows the next message."""
-    stick.begin(x=0.001)
-    assert velocity_at_hold(stick.piece(x=0.001)).any()
-    stick.is_silent_for(SILENCE + PERIOD)
-    piece = stick.piece()
+    commander.begin(x=0.001)
+    assert velocity_at_hold(commander.piece(x=0.001)).any()
+    commander.is_silent_for(SILENCE + PERIOD)
+    piece = commander.piece()
     assert not velocity_at_hold(piece).any()
-    assert any(velocity_at_hold(stick.piece(x=0.001)).any() for _ in range(3))  # one may have been due before
+    assert any(velocity_at_hold(commander.piece(x=0.001)).any() for _ in range(3))  # one may have been due before
 
 
-def test_turn_about_z_moves_phi_alone(stick):
-    stick.begin(wz=0.1)
-    np.testing.assert_allclose(velocity_at_hold(stick.piece(wz=0.1)), [0.0, 0.0, 0.0, 0.1], atol=1e-15)
+def test_turn_about_z_moves_phi_alone(commander):
+    commander.begin(wz=0.1)
+    np.testing.assert_allclose(velocity_at_hold(commander.piece(wz=0.1)), [0.0, 0.0, 0.0, 0.1], atol=1e-15)
 
 
-def test_cell_whose_controllers_take_no_pieces_refuses_a_jog(graph, stick, stand_in):
+def test_cell_whose_controllers_take_no_pieces_refuses_a_jog(graph, commander, stand_in):
     """A controller of the user's own would take a piece for a cycle: it is sent none."""
-    stick.send(x=0.001)
+    commander.send(x=0.001)
     graph.spin_until(lambda: stand_in.trajectories, 'the first piece')
     stand_in.tell(CycleEvent.STARTED, 1)
     assert refusal(graph) == 'jog: a controller of this cell takes no pieces: its LOADED event has no hold'
-    stick.send(x=0.001)
+    commander.send(x=0.001)
     graph.spin_in_silence()
-    assert len(stand_in.trajectories) == 1
+    assert not commander.pieces
 
 
-def test_next_piece_waits_until_the_machine_uses_the_last_one(graph, stick, stand_in):
-    stick.begin(x=0.001)
-    stick.send(x=0.001)
-    graph.spin_until(lambda: len(stand_in.trajectories) == 2, 'the second piece')
-    stick.send(x=0.001)
+def test_next_piece_waits_until_the_machine_uses_the_last_one(graph, commander):
+    commander.begin(x=0.001)
+    commander.send(x=0.001)
+    graph.spin_until(lambda: commander.pieces, 'the second piece')
+    commander.send(x=0.001)
     graph.spin_in_silence()
-    assert len(stand_in.trajectories) == 2
-    stick.use(stand_in.trajectories[-1])
-    assert stick.piece(x=0.001).offset == stand_in.trajectories[1].hold
+    assert len(commander.pieces) == 1
+    commander.use(commander.pieces[-1])
+    assert commander.piece(x=0.001).offset == commander.pieces[0].hold
 
 
 @pytest.mark.parametrize(
@@ -145,25 +150,25 @@ def test_next_piece_waits_until_the_machine_uses_the_last_one(graph, stick, stan
         ({'frame': 'tool0', 'x': 0.001}, "jog: frame_id is 'tool0'; allowed: '' and 'base_link'"),
     ],
 )
-def test_bad_message_is_refused_and_counts_as_silence(graph, stick, stand_in, message, text):
-    stick.send(**message)
+def test_bad_message_is_refused_and_counts_as_silence(graph, commander, stand_in, message, text):
+    commander.send(**message)
     assert refusal(graph) == text
     assert not stand_in.trajectories
-    stick.is_silent_for(END_AFTER)
-    stick.begin(x=0.001)
-    assert velocity_at_hold(stick.piece(x=0.001)).any()
-    stick.is_silent_for(SILENCE)
-    stick.send(**message)
-    assert not velocity_at_hold(stick.piece()).any()
+    commander.is_silent_for(END_AFTER)
+    commander.begin(x=0.001)
+    assert velocity_at_hold(commander.piece(x=0.001)).any()
+    commander.is_silent_for(SILENCE)
+    commander.send(**message)
+    assert not velocity_at_hold(commander.piece()).any()
 
 
-def test_empty_message_moves_nothing(graph, stick, stand_in):
-    stick.send(frame='')
+def test_empty_message_moves_nothing(graph, commander, stand_in):
+    commander.send(frame='')
     graph.spin_in_silence()
     assert not stand_in.trajectories
 
 
-def test_bytes_that_are_no_twist_are_refused(graph, stick, stand_in):
+def test_bytes_that_are_no_twist_are_refused(graph, commander, stand_in):
     graph.publisher(TwistStamped, 'jog', 10).publish(bytes([0, 1, 0, 0, 7]))
     assert 'message of 5 bytes is no TwistStamped' in refusal(graph)
     assert not stand_in.trajectories
@@ -177,14 +182,14 @@ class Other(PkmNode):
         self.velocity = self.create_publisher(TwistStamped, 'jog', 10)
 
 
-def test_second_commander_is_refused_and_both_are_named(graph, generator, stick, stand_in):
+def test_second_commander_is_refused_and_both_are_named(graph, generator, commander, stand_in):
     """With the sender of each message, as the executor of a cell tells it."""
     graph.start(Other)
     infos = generator.get_publishers_info_by_topic('/pkm/jog')
     senders = {info.node_name: bytes(info.endpoint_gid) for info in infos}
 
     def say(name, x):
-        stick.now += 1.001 * PERIOD
+        commander.now += 1.001 * PERIOD
         message = TwistStamped()
         message.twist.linear.x = x
         generator._jog._on_twist(serialize_message(message), senders[name])
@@ -195,29 +200,29 @@ def test_second_commander_is_refused_and_both_are_named(graph, generator, stick,
     expected = 'jog of /pkm/other: the jog of /pkm/test is running; wait until it has been silent for 0.3 s'
     assert refusal(graph) == expected
     say('test', 0.001)
-    assert velocity_at_hold(stick.piece())[0] > 0
+    assert velocity_at_hold(commander.piece())[0] > 0
 
 
-def test_commanders_that_cannot_be_told_apart_are_refused(graph, stick, stand_in):
+def test_commanders_that_cannot_be_told_apart_are_refused(graph, commander, stand_in):
     """An executor of rclpy does not tell the sender of a message: nothing moves for two of them."""
     graph.start(Other)
-    stick.send(x=0.001)
+    commander.send(x=0.001)
     assert refusal(graph).startswith('jog: /pkm/other, /pkm/test cannot be told apart')
     assert not stand_in.trajectories
 
 
-def test_jog_is_refused_while_a_goal_runs_and_vice_versa(graph, stick, goals, stand_in):
+def test_jog_is_refused_while_a_goal_runs_and_vice_versa(graph, commander, goals, stand_in):
     goal = goals.send(motion=MOTION)
     stand_in.start(1)
-    stick.send(x=0.001)
+    commander.send(x=0.001)
     assert refusal(graph).startswith(f"jog: goal 'jog of /pkm/test': motion '{MOTION}', cycle 1 of 1 is running; wait")
     stand_in.finish(1)
     goals.result(goal)
-    stick.send(x=0.001)  # a stream that continues does not begin when the goal ends
+    commander.send(x=0.001)  # a stream that continues does not begin when the goal ends
     graph.spin_in_silence()
-    assert len(stand_in.trajectories) == 1
-    stick.is_silent_for(END_AFTER)
-    stick.begin(2, x=0.001)
+    assert {each.cycle for each in stand_in.trajectories} == {1}
+    commander.is_silent_for(END_AFTER)
+    commander.begin(2, x=0.001)
     _, result = goals.result(goals.send(motion=MOTION))
     assert f"goal '{MOTION}': jog of /pkm/test is running" in result.message
     graph.publisher(JointTrajectory, 'joint_trajectory_command', CYCLE_QOS).publish(JointTrajectory())
@@ -232,27 +237,28 @@ def test_jog_is_refused_while_a_goal_runs_and_vice_versa(graph, stick, goals, st
     client.destroy()
 
 
-def test_stop_during_a_jog_ends_it_until_the_stream_pauses(graph, stick, stand_in):
-    stick.begin(x=0.001)
-    stick.piece(x=0.001)
+def test_stop_during_a_jog_ends_it_until_the_stream_pauses(graph, commander, stand_in):
+    commander.begin(x=0.001)
+    commander.piece(x=0.001)
     stand_in.tell(CycleEvent.FAULT, 1, message='stopped by the service machine/stop')
     assert refusal(graph) == 'jog: machine: stopped by the service machine/stop'
-    number = len(stand_in.trajectories)
+    number = len(commander.pieces)
     for _ in range(3):
-        stick.send(x=0.001)
+        commander.send(x=0.001)
     graph.spin_in_silence()
-    assert len(stand_in.trajectories) == number
-    stick.is_silent_for(END_AFTER)
-    stick.begin(2, x=0.001)
+    assert len(commander.pieces) == number
+    assert {each.cycle for each in stand_in.trajectories} == {1}
+    commander.is_silent_for(END_AFTER)
+    commander.begin(2, x=0.001)
 
 
-def test_jog_rests_at_the_border_and_names_the_reach(graph, stick):
-    stick.begin(z=0.05)
+def test_jog_rests_at_the_border_and_names_the_reach(graph, commander):
+    commander.begin(z=0.05)
     for _ in range(4):
-        piece = stick.piece(z=0.05)
+        piece = commander.piece(z=0.05)
     assert not velocity_at_hold(piece).any()
     text = refusal(graph)
     assert text.startswith('jog: slower than commanded, or at rest: sample ')
     assert 'is out of reach; there ' in text
     assert 'z may go from ' in text
-    assert any(velocity_at_hold(stick.piece(z=-0.05))[2] < 0 for _ in range(3))
+    assert any(velocity_at_hold(commander.piece(z=-0.05))[2] < 0 for _ in range(3))
