@@ -13,7 +13,7 @@ import numpy as np
 
 from pkm_core.bag.layout import layout_of
 from pkm_core.bag.writer import BagWriter
-from pkm_core.recording.block import BEFORE, Block, numbers_at, single
+from pkm_core.recording.block import BEFORE, Block, numbers_at
 from pkm_core.recording.topics import By
 
 _COMMAND = 'pkm_interfaces/msg/MotorCommand'
@@ -39,6 +39,7 @@ class CycleRecording:
         self.number = number
         self.motion, self.law = 'motion', 'none'
         self.trajectories: dict[str, bytes] = {}  # by topic; resent every second until the cycle starts
+        self.extensions = 0  # pieces of a jog that the machine has driven
         self.first_tick: int | None = None
         self.place = 0  # in the order in which cycles start, 0 before the first tick
         self.last_tick: int | None = None
@@ -91,10 +92,6 @@ class CycleRecording:
         self.motion, self.law = trajectory.motion, trajectory.learning_law
         self.trajectories[topic] = data
         self.counts[topic] = 1
-
-    def take_piece(self, topic, message):
-        """Add a piece of a jog, serialized as an array; all of them are recorded."""
-        self.take(single(topic, message, self.last_tick))
 
     def _write(self, bag, block):
         ticks = np.array([self.first_tick]) if block.ticks[0] == BEFORE else block.ticks

@@ -214,14 +214,14 @@ class Sorter:
             self._cycles.advance(cycle)
 
     def _take_piece(self, topic, message, number):
-        """Put a piece of a jog into its running cycle."""
+        """Put a piece of a jog into its cycle; after the end only one that is missing, because it was driven."""
         self.sort()
-        running = self._cycles.current()
-        if running is None or running.number != number:
-            self._warn_of_late(topic, number)
-            return
-        self._preroll.take_piece(topic, message.tobytes())
-        self._cycles.put_piece(running, topic, message)
+        cycle = self._cycles.known(number)
+        if cycle is None or topic not in cycle.trajectories:
+            self._warn(f'{topic}: a piece of cycle {number}, whose bag is closed or lacks the first one; not recorded')
+        elif cycle.ended is None or cycle.counts[topic] < cycle.expected[topic]:
+            self._preroll.take_piece(topic, message.tobytes())
+            self._cycles.put(cycle, single(topic, message, cycle.last_tick))
 
     def _take_events(self, topic, messages):
         self.sort()
@@ -242,6 +242,7 @@ class Sorter:
         if event.event == event.STARTED:
             self._cycles.interrupt_others(cycle)
             self._start(cycle, event.tick)
+        cycle.extensions += event.event == event.EXTENDED
         if cycle.last_tick is not None:
             self._preroll.take(single(topic, message, cycle.last_tick))
         self._cycles.put(cycle, single(topic, message, event.tick or cycle.last_tick))

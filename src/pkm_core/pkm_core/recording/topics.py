@@ -94,14 +94,14 @@ def expected_messages(topics, machine, cycle, event, finished):
         'pkm_interfaces/msg/EncoderSample': event.tick - cycle.first_tick,
         'pkm_interfaces/msg/MotorCommand': event.samples,
         'pkm_interfaces/msg/CycleMetrics': int(finished),
-        'pkm_interfaces/msg/SampledTrajectory': 1,
+        'pkm_interfaces/msg/SampledTrajectory': 1 + cycle.extensions,
         'geometry_msgs/msg/PoseStamped': states,
         'sensor_msgs/msg/JointState': states,
         'pkm_interfaces/msg/LaserSample': len(sample_numbers(machine, cycle.first_tick, event.tick)),
     }
     due = {name: counts[topic.kind] for name, topic in topics.items() if topic.kind in counts}
-    # all pieces of a jog that have arrived: how many were sent is not known here
-    return {n: max(1, cycle.counts[n]) if topics[n].by is By.TRAJECTORY else count for n, count in due.items()}
+    # a piece of a jog that was not driven is in the bag if it arrived before the end
+    return {n: max(count, cycle.counts[n]) if topics[n].by is By.TRAJECTORY else count for n, count in due.items()}
 
 
 def expected_without_end(topics, machine, cycle):
@@ -121,7 +121,7 @@ def expected_without_end(topics, machine, cycle):
     counts = {
         'pkm_interfaces/msg/EncoderSample': last + 1 - first,
         'pkm_interfaces/msg/MotorCommand': max(0, last - first),
-        'pkm_interfaces/msg/SampledTrajectory': 1,
+        'pkm_interfaces/msg/SampledTrajectory': 1 + cycle.extensions,
         'geometry_msgs/msg/PoseStamped': states,
         'sensor_msgs/msg/JointState': states,
         'pkm_interfaces/msg/LaserSample': len(due),
