@@ -13,6 +13,7 @@ from pkm_core.motion.jog import FASTEST, FASTEST_TURN, PERIOD, RISE, ROUND, JogP
 from pkm_core.motion.pieces import checked_piece, joined
 from pkm_core.motion.planning import LONGEST_CYCLE
 from pkm_core.motion.trajectory import checked_cycle, to_joints
+from pkm_core.servo.jog_stream import JogStream
 
 STEP = round(PERIOD / 0.5e-3)
 
@@ -94,6 +95,31 @@ def test_jog_stops_before_the_border_and_names_it_once(machine):
     back = planner.next(-twist)  # away from the border it moves again
     assert not back.limited
     assert (back.poses.position[STEP] - back.poses.position[0]) @ twist < 0
+
+
+@pytest.mark.parametrize('way', [0.0, 0.01, 0.014], ids=lambda way: f'{1e3 * way:g} ms')
+@pytest.mark.parametrize('last', [0.1 + 0.003 * number for number in range(5)], ids=lambda last: f'{last:g} s')
+def test_platform_rests_within_100_ms_of_the_last_message(way, last):
+    """At pace 1: the machine drives a piece in its time, and has the next one `way` [s] after it was sent."""
+    machine = load_machine('xy_stage')
+    planner, stream, twist, step = planner_of(machine), JogStream(PERIOD), np.array([0.01, 0.0]), 1e-3
+    stream.begun(-1.0, '/a', twist)  # the start of a cycle takes a while
+    pieces, sent, sample, moved = [planner.next(twist)], [-1.0], 0, 0.0
+    stream.accepted()
+    for now in np.arange(0.0, last + 0.2, step):
+        if now <= last:
+            stream.commanded(now, '/a', twist)
+        if sample >= pieces[0].hold and len(pieces) > 1 and now >= sent[1] + way:
+            del pieces[0], sent[0]
+            stream.accepted()
+        if sample < pieces[0].hold:  # else the machine waits
+            if pieces[0].poses.velocity[sample - pieces[0].offset].any():
+                moved = now
+            sample += round(step / machine.sample_time)
+        if (due := stream.due(now)) is not None:
+            pieces.append(planner.next(due))
+            sent.append(now)
+    assert last + 0.06 < moved < last + 0.1
 
 
 def test_longest_jog_comes_to_rest(machine):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pkm_core.errors import TrajectoryError
 from pkm_core.servo.jog_stream import END_AFTER, SILENCE, JogState, JogStream
 
-PERIOD = 0.025
+PERIOD = 0.015
 UP, STILL = np.array([0.0, 1e-3]), np.zeros(2)
 IDLE, STARTING, JOGGING, ENDING, BLOCKED = JogState
 

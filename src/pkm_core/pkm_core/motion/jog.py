@@ -16,8 +16,8 @@ from pkm_core.jet import Jet
 from pkm_core.motion.planning import LONGEST_CYCLE
 from pkm_core.motion.trajectory import SampledTrajectory, checked_joints, to_joints, with_derivatives
 
-# [s] chosen: a piece takes 10 ms from its planning to the last controller; a stop has to be complete within 100 ms
-PERIOD = 25e-3
+# [s] chosen: a piece takes 10 ms from its planning to the last controller; see `jog_stream.SILENCE` for the stop
+PERIOD = 15e-3
 # [s] chosen: a reversal at full speed stays within the thrust of every machine; both together are the time of a stop
 RISE, ROUND = 16e-3, 8e-3
 # [s] rest after a stop, in which the end of the cycle is measured

@@ -7,7 +7,8 @@ import numpy as np
 
 from pkm_core.errors import TrajectoryError
 
-# [s, wall] chosen: a stop is complete within 100 ms: 40 ms of silence, one piece of 25 ms and its stop of 24 ms
+# [s, wall] chosen: a stop is complete within 94 ms: 40 ms of silence, the piece in use and the next one of 15 ms each,
+# which may have been sent before, and a stop of 24 ms
 SILENCE = 0.04
 # [s, wall] chosen: after this silence the jog ends; until then the same cycle follows the next message
 END_AFTER = 0.3

@@ -20,7 +20,7 @@ TOPIC = 'jog'
 _QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 FRAMES = ('', 'base_link')
 # [s, wall] period in which a piece that is due is looked for: a fifth of `PERIOD`
-_LOOK = 5e-3
+_LOOK = 3e-3
 
 
 class Jog:
