@@ -16,6 +16,7 @@ from pkm_core.servo.cycle_actions import (
     StopSafely,
 )
 from pkm_core.servo.jog_pieces import JogPieces
+from pkm_core.servo.next_cycle import NextCycle
 from pkm_core.servo.pace import Turn
 from pkm_core.servo.recorder_window import RecorderWindow
 
@@ -90,13 +91,10 @@ class CycleRun:
         self._answer_timeout = answer_timeout
         self._recorder = RecorderWindow(recorder_window)
         self._crowded_at = -inf  # time of the last look that found several publishers
-        self._pieces = JogPieces(joints)
+        self._next, self._pieces = NextCycle(joints), JogPieces(joints)
         self._samples = 0  # number of ticks after which the last started cycle ends or waits for a piece
         self._sending: tuple = SEND_SAMPLES  # of the next tick that `_release` begins
-        self._next_cycle = 0  # the cycle that `_lengths` belong to
         self._announced = 0  # the last cycle of a goal
-        self._lengths = {}  # loaded samples by joint
-        self._holds = {}  # as LOADED, by joint
         self._since = 0.0  # begin of LOADING or of HELD
         self._crowded = False  # intruders have been seen since the begin of LOADING
         self.pace = pace
@@ -135,14 +133,14 @@ class CycleRun:
             self._pieces.loaded(joint, samples, hold)
         if self.is_running or cycle <= self.cycle:
             return ()
-        if cycle != self._next_cycle:
-            if self.is_loading and self._next_cycle == self._announced:
+        if cycle != self._next.number:
+            if self.is_loading and self._next.number == self._announced:
                 return ()
             self._discard()
-        if not self._lengths:
-            self._next_cycle, self._since, self._crowded = cycle, now, False
-        self._lengths[joint], self._holds[joint] = samples, hold
-        self.state = CycleState.LOADED if len(self._lengths) == len(self._joints) else CycleState.LOADING
+        if self._next.is_empty:
+            self._next.number, self._since, self._crowded = cycle, now, False
+        self._next.loaded(joint, samples, hold)
+        self.state = CycleState.LOADING if self._next.late else CycleState.LOADED
         return ()
 
     def look(self, now, tick, unconnected, intruders=''):
@@ -155,7 +153,7 @@ class CycleRun:
         if self.state is CycleState.AWAITING:
             return self._continue(tick, now)
         ready = self.state is CycleState.LOADED and not self._recorder.is_missing and not unconnected
-        ready = ready and self._next_cycle == self._announced
+        ready = ready and self._next.number == self._announced
         if intruders:
             self._crowded_at = now
         if ready and not intruders and now - self._crowded_at >= SETTLED:
@@ -163,13 +161,13 @@ class CycleRun:
         if ready and now - self._since <= max(self._start_timeout, LEASE):
             return ()
         if ready and intruders:
-            return self._refuse(f'cycle {self._next_cycle}: {intruders}')
+            return self._refuse(f'cycle {self._next.number}: {intruders}')
         # a restarted controller is not believed until DDS forgets the killed one, and then its next event must arrive
         self._crowded = self._crowded or bool(intruders)
         patience = max(self._start_timeout, LEASE) if self._crowded else self._start_timeout
         if self.is_loading and now - self._since > patience:
             remark = f'; {intruders}' if intruders else ''
-            return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}{remark}')
+            return self._refuse(f'cycle {self._next.number}: {self._reason_of_delay(unconnected)}{remark}')
         if self.state is CycleState.HELD and now - self._since > self._answer_timeout:
             return self._stop(
                 f'{self._where(tick)}: the recorder has not confirmed anything after tick {self._recorder.recorded} '
@@ -284,22 +282,17 @@ class CycleRun:
         self._last_tick = self._recorder.last if self.pace.is_free else -1
 
     def _start(self, tick, now):
-        lengths = {joint: self._lengths[joint] for joint in self._joints}
-        shortest, longest = min(lengths.values()), max(lengths.values())
-        if shortest < longest or shortest < 1:
-            return self._refuse(
-                f'the joints loaded cycles of different lengths: {lengths}; all must be equal and at least 1'
-            )
-        holds = set(self._holds.values())
-        self._pieces.begin(longest, holds.pop() if len(holds) == 1 else 0)
+        if self._next.mismatch:
+            return self._refuse(self._next.mismatch)
+        self._pieces.begin(self._next.samples, self._next.hold)
         self._sending = SEND_SAMPLES
-        self.state, self.cycle, self.index, self._samples = _RUNNING, self._next_cycle, 0, self._pieces.stop
+        self.state, self.cycle, self.index, self._samples = _RUNNING, self._next.number, 0, self._pieces.stop
         self.pace.begin(tick, now)
-        return Start(self.cycle, longest, self._pieces.hold), *self._release(tick, now)
+        return Start(self.cycle, self._pieces.samples, self._pieces.hold), *self._release(tick, now)
 
     def _refuse(self, reason):
         self._discard()
-        return (Refuse(self._next_cycle, reason),)
+        return (Refuse(self._next.number, reason),)
 
     def _stop(self, reason):
         self.state, self.fault, self._awaits_turn = CycleState.FAULTED, reason, False
@@ -307,18 +300,16 @@ class CycleRun:
 
     def _discard(self):
         """Forget what the joints have loaded."""
-        self._lengths.clear()
-        self._holds.clear()
+        self._next.clear()
         if self.is_loading:
             self.state = CycleState.STANDING
 
     def _reason_of_delay(self, unconnected):
-        late = [joint for joint in self._joints if joint not in self._lengths]
-        if late:
-            return f'not loaded within {self._start_timeout} s by joint_controller of {late}'
+        if self._next.late:
+            return f'not loaded within {self._start_timeout} s by joint_controller of {self._next.late}'
         if self._recorder.is_missing:
             return f'the recorder has not reported within {self._start_timeout} s; is it running?'
-        if self._next_cycle != self._announced:
+        if self._next.number != self._announced:
             return 'belongs to no running goal; only the trajectory source of this cell starts cycles'
         return f'topics of {list(unconnected)} have readers that are not connected after {self._start_timeout} s'
 
