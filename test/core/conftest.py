@@ -24,7 +24,7 @@ TYPES = {
 }
 NANOSECONDS = 500_000  # of a tick
 # fields that messages of older bags do not have, see test_bag_of_an_older_version_is_read
-_NEWER = {'stay': False, 'kind': 0, 'bag': '', 'session': '', 'planned': '', 'geometry': ''}
+_NEWER = {'stay': False, 'kind': 0, 'bag': '', 'session': '', 'planned': '', 'geometry': '', 'offset': 0, 'hold': 0}
 
 
 @dataclass

@@ -48,6 +48,13 @@ def test_fields_other_than_coordinates_are_passed_on(graph, poses, joints, pose_
         assert getattr(joints[0], name) == getattr(pose_message, name)
 
 
+def test_piece_of_a_jog_stays_a_piece(graph, poses, joints, pose_message):
+    pose_message.offset, pose_message.hold, pose_message.stay = 50, 70, True
+    poses.publish(pose_message)
+    graph.spin_until(lambda: joints, 'a joint trajectory')
+    assert (joints[0].offset, joints[0].hold, joints[0].stay) == (50, 70, True)
+
+
 def with_nan(message):
     message.position[4 * 3 + 1] = math.nan
 

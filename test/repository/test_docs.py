@@ -58,6 +58,7 @@ EXPECTED = {
     'pkm home': 'the machine stands at home',
     'trajectory_client.py': 'finished',
     'follow_client.py': 'error code 0 \nstates in the feedback: some',
+    'jog_client.py': 'finished',
     'param get': 'String value is: d1',
     'param set': 'Set parameter successful',
     'service call /pkm/machine/reset': 'success=True',

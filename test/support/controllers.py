@@ -16,16 +16,17 @@ class Controllers:
         self._commands = {joint: graph.publisher(MotorCommand, f'{joint}/command') for joint in JOINTS}
         self.samples = {joint: graph.listen(EncoderSample, f'{joint}/encoder') for joint in JOINTS}
 
-    def load(self, cycle, samples, joints=JOINTS):
+    def load(self, cycle, samples, joints=JOINTS, hold=0):
         """Announce `cycle` and report it as loaded by `joints`; `samples` is its length, or the lengths by joint."""
         self._events.publish(CycleEvent(event=CycleEvent.ANNOUNCED, cycle=cycle))
-        self.load_only(cycle, samples, joints)
+        self.load_only(cycle, samples, joints, hold)
 
-    def load_only(self, cycle, samples, joints=JOINTS):
-        """Report `cycle` as loaded, without a goal."""
+    def load_only(self, cycle, samples, joints=JOINTS, hold=0):
+        """Report `cycle` as loaded, without a goal; with `hold` it is a jog, or the next piece of one."""
         for joint in joints:
             length = samples[joint] if isinstance(samples, dict) else samples
-            self._events.publish(CycleEvent(event=CycleEvent.LOADED, source=joint, cycle=cycle, samples=length))
+            loaded = {'event': CycleEvent.LOADED, 'samples': length, 'hold': hold}
+            self._events.publish(CycleEvent(source=joint, cycle=cycle, **loaded))
 
     def wait_for(self, tick, mode=EncoderSample.RUN):
         self._graph.spin_until(

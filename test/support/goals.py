@@ -53,8 +53,9 @@ class CellStandIn:
     def start(self, cycle):
         """Wait for the trajectory of `cycle`, start it and return the trajectory."""
         self._graph.spin_until(lambda: cycle in [t.cycle for t in self.trajectories], f'trajectory {cycle}')
-        self.tell(CycleEvent.STARTED, cycle)
-        return next(t for t in self.trajectories if t.cycle == cycle)
+        trajectory = next(t for t in self.trajectories if t.cycle == cycle)
+        self.tell(CycleEvent.STARTED, cycle, hold=trajectory.hold)
+        return trajectory
 
     def finish(self, cycle, errors=(1e-6, 2e-6, 3e-6, 4e-6)):
         for joint, error in zip(JOINTS, errors, strict=False):

@@ -49,11 +49,13 @@ class Cell:
     def tell(self, event, cycle, tick=0, samples=SAMPLES, message=''):
         number = getattr(self._types.types[EVENT], event)
         fields = {'source': 'machine', 'cycle': cycle, 'tick': tick, 'samples': samples, 'bag': '', 'message': message}
-        fields['session'] = ''
+        fields |= {'session': '', 'hold': 0}
         self.say('cycle_events', event=number, **fields)
 
-    def load(self, cycle, motion='short'):
-        values = {name: np.zeros(4 * SAMPLES) for name in ('position', 'velocity', 'acceleration', 'jerk')}
+    def load(self, cycle, motion='short', *, samples=SAMPLES, offset=0, hold=0, position=0.0):
+        """Send both trajectories, or with an `offset` a piece of a jog; they rest at `position`."""
+        values = {name: np.zeros(4 * samples) for name in ('velocity', 'acceleration', 'jerk')}
+        values['position'] = np.full(4 * samples, position)
         moves = {'move_starts': np.array([0], dtype=np.uint32), 'move_ends': np.array([1], dtype=np.uint32)}
         for topic in ('pose', 'joint'):
             self.say(
@@ -66,6 +68,8 @@ class Cell:
                     'sample_time': TS,
                     'planned': '',
                     'stay': False,
+                    'offset': offset,
+                    'hold': hold,
                 },
                 coordinates=list(JOINTS),
                 **values,
@@ -74,11 +78,11 @@ class Cell:
                 geometry='',
             )
 
-    def tick(self, cycle, tick, index, without=(), feedforward=0.0):
+    def tick(self, cycle, tick, index, without=(), feedforward=0.0, mode=0):
         for joint in JOINTS:
             same = {'tick': tick, 'cycle': cycle}
             if f'{joint}/encoder' not in without:
-                self.say(f'{joint}/encoder', **same, index=index, mode=0, counts=tick, position=0.0)
+                self.say(f'{joint}/encoder', **same, index=index, mode=mode, counts=tick, position=0.0)
             if f'{joint}/command' not in without:
                 self.say(f'{joint}/command', **same, voltage=1.0, error=0.0, feedforward=feedforward)
         if tick % 20 == 0:

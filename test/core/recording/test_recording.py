@@ -5,6 +5,7 @@ import shutil
 import pytest
 
 from pkm_core.bag.cycle_record import read_cycle
+from pkm_core.bag.pieces import EXTENDED
 from pkm_core.bag.reader import column, read_metadata, read_topics
 from pkm_core.bag.repair import repair
 from pkm_core.errors import BagError
@@ -44,6 +45,88 @@ def test_split_bag_reads_as_one_cycle(cell):
     record = read_cycle(path)
     assert record.is_whole
     assert record.recorded['/pkm/d7/cycle_metrics'] == 1
+
+
+def test_jog_of_several_pieces_reads_as_one_cycle(cell):
+    """The piece at sample 30 came too late: the machine has driven the end of the one before."""
+    cell.load(1, 'jog', samples=40, hold=10)
+    cell.tell('STARTED', 1, 0)
+    for index in range(SAMPLES):
+        if index == 5:
+            cell.load(1, 'jog', samples=SAMPLES - 10, offset=10, hold=30, position=1e-3)
+        if index == 31:
+            cell.load(1, 'jog', samples=SAMPLES, offset=30, hold=50, position=2e-3)
+        cell.tick(1, index, index, mode=EXTENDED if index == 10 else 0)
+    cell.tell('EXTENDED', 1, 10, samples=SAMPLES)
+    cell.recording.sort()
+    snapshot = cell.recording.snapshot()
+    cell.finish(1, SAMPLES)
+    outcome = cell.outcome()
+    assert (outcome.lost, outcome.surplus, cell.warnings) == ({}, {}, [])
+    record = read_cycle(outcome.path)
+    assert record.is_whole
+    assert (record.motion, record.samples) == ('jog', SAMPLES)
+    for rows in (record.reference, record.pose_reference):
+        assert rows[:, 0].tolist() == [0.0] * 10 + [1e-3] * 50
+    assert (record.move_starts.tolist(), record.move_ends.tolist()) == ([0], [11])
+    assert read_cycle(snapshot).reference[:, 0].tolist() == [0.0] * 10 + [1e-3] * 50
+    assert repair(outcome.path) is None
+
+
+@pytest.mark.parametrize('place', ['before the first tick', 'after the end'])
+def test_piece_may_overtake_or_follow_messages_of_other_topics(cell, place):
+    """The recorder reads topic by topic: a driven piece may be read before STARTED or after FINISHED."""
+    cell.load(1, 'jog', samples=40, hold=10)
+
+    def take_piece():
+        cell.load(1, 'jog', samples=SAMPLES - 10, offset=10, hold=30, position=1e-3)
+
+    if place == 'before the first tick':
+        take_piece()
+    cell.tell('STARTED', 1, 0)
+    for index in range(SAMPLES):
+        cell.tick(1, index, index, mode=EXTENDED if index == 10 else 0)
+    cell.tell('EXTENDED', 1, 10, samples=SAMPLES)
+    cell.finish(1, SAMPLES)
+    if place == 'after the end':
+        cell.recording.sort()
+        assert not cell.recording.outcomes, 'its piece is missing'
+        take_piece()
+    cell.recording.sort()
+    outcome = cell.outcome()
+    assert (outcome.lost, outcome.surplus, cell.warnings) == ({}, {}, [])
+    assert read_cycle(outcome.path).reference[:, 0].tolist() == [0.0] * 10 + [1e-3] * 50
+
+
+def test_piece_that_was_not_driven_is_dropped_after_the_end(cell):
+    cell.load(1, 'jog', hold=10)
+    cell.run(1, 0)
+    cell.tell('FINISHED', 1, SAMPLES)
+    cell.load(1, 'jog', offset=50, hold=60)
+    cell.finish(1, SAMPLES)
+    assert cell.outcome().surplus == {}
+
+
+@pytest.mark.parametrize('cycle', [1, 7])
+def test_piece_of_a_closed_or_unknown_jog_is_not_recorded(cell, cycle):
+    cell.load(1, 'jog', hold=10)
+    cell.run(1, 0)
+    cell.finish(1, SAMPLES)
+    cell.outcome()
+    cell.load(cycle, 'jog', offset=50, hold=60)
+    assert len(cell.warnings) == 2
+    assert f'a piece of cycle {cycle}, whose bag is closed or lacks the first one' in cell.warnings[0]
+
+
+def test_jog_whose_driven_piece_is_missing_is_refused(cell):
+    cell.load(1, 'jog', hold=10)
+    cell.tell('STARTED', 1, 0)
+    for index in range(SAMPLES):
+        cell.tick(1, index, index, mode=EXTENDED if index == 10 else 0)
+    cell.finish(1, SAMPLES)
+    cell.recording.sort()
+    with pytest.raises(BagError, match=r'joint_trajectory: the pieces of the jog at samples \[10\] are missing'):
+        read_cycle(cell.outcome().path)
 
 
 def test_snapshot_works_while_recording_is_stopped(tmp_path):

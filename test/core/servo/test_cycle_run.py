@@ -4,12 +4,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pkm_core.servo.cycle_actions import AwaitTurn, Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
-from pkm_core.servo.cycle_run import LEASE, MOST_CYCLES, SETTLED, CycleRun, CycleState
+from pkm_core.servo.cycle_actions import (
+    AwaitTurn,
+    Extend,
+    Finish,
+    GoHome,
+    Refuse,
+    RefuseReset,
+    SendExtended,
+    SendSamples,
+    Start,
+    StopSafely,
+)
+from pkm_core.servo.cycle_run import LEASE, MOST_CYCLES, PIECE_TIMEOUT, SETTLED, CycleRun, CycleState
 from pkm_core.servo.pace import Pace
 from pkm_core.servo.tick_barrier import TickBarrier
 
-STANDING, LOADING, LOADED, RUNNING, HELD, PAUSED, FAULTED = CycleState
+STANDING, LOADING, LOADED, RUNNING, HELD, PAUSED, AWAITING, FAULTED = CycleState
 JOINTS = ('a', 'b')
 START_TIMEOUT, ANSWER_TIMEOUT, WINDOW = 10.0, 5.0, 2
 EVENTS = {
@@ -37,7 +48,8 @@ def run_in(state, *, window=WINDOW, recorded=0, lengths=(5, 5), pace=0.0, paused
     Return a run in `state`, reached by events at 0 s: cycle 3 of one tick has been run, the machine is at tick 1.
 
     LOADING has cycle 4 from joint a. RUNNING and HELD have advanced to tick 2 and 4 (the window is 2 ticks), PAUSED to
-    tick 3. `pace` and `paused` are set at the end; a tick takes 1 s.
+    tick 3. AWAITING waits at tick 2, before sample 1, for the next piece. `pace` and `paused` are set at the end; a
+    tick takes 1 s.
     """
     timing = Pace(1.0)
     run = CycleRun(JOINTS, START_TIMEOUT, ANSWER_TIMEOUT, timing, window)
@@ -49,8 +61,8 @@ def run_in(state, *, window=WINDOW, recorded=0, lengths=(5, 5), pace=0.0, paused
     if state is LOADING:
         run.loaded('a', CYCLE, lengths[0], 0.0)
     elif state is not STANDING:
-        load(run, CYCLE, lengths)
-    if state in (RUNNING, HELD, PAUSED, FAULTED):
+        load(run, CYCLE, lengths, hold=1 if state is AWAITING else 0)
+    if state in (RUNNING, HELD, PAUSED, AWAITING, FAULTED):
         run.look(0.0, 1, [])
         run.advanced(2, 0.0)
     if state is HELD:
@@ -74,10 +86,10 @@ def run_in(state, *, window=WINDOW, recorded=0, lengths=(5, 5), pace=0.0, paused
     return run
 
 
-def load(run, cycle, lengths):
+def load(run, cycle, lengths, hold=0):
     run.announced(cycle)
     for joint, samples in zip(JOINTS, lengths, strict=True):
-        run.loaded(joint, cycle, samples, 0.0)
+        run.loaded(joint, cycle, samples, 0.0, hold)
 
 
 def row(state, event, after, *actions, **options):
@@ -101,6 +113,8 @@ TABLE = [
     row(RUNNING, ('loaded', 'a', 5, 5, 0.0), RUNNING),
     row(HELD, ('loaded', 'a', 5, 5, 0.0), HELD),
     row(PAUSED, ('loaded', 'a', 5, 5, 0.0), PAUSED),
+    row(AWAITING, ('loaded', 'a', 5, 5, 0.0), AWAITING),
+    row(AWAITING, ('loaded', 'a', 4, 8, 0.0, 4), AWAITING),  # a piece; it is used in `look`, when all joints have it
     row(FAULTED, ('loaded', 'a', 5, 5, 0.0), FAULTED, Refuse(5, REFUSED_BY_FAULT)),
     row(FAULTED, ('loaded', 'x', 5, 5, 0.0), FAULTED),
     # look: start, or end a wait
@@ -169,6 +183,8 @@ TABLE = [
     row(PAUSED, ('look', 1e9, 3, []), PAUSED),  # a pause has no timeout
     row(LOADED, ('look', 0.0, 1, []), PAUSED, Start(4, 5), paused=True),
     row(LOADED, ('look', 0.0, 1, []), RUNNING, Start(4, 5), SendSamples(), pace=1.0),
+    row(AWAITING, ('look', PIECE_TIMEOUT, 2, []), AWAITING),
+    row(AWAITING, ('look', PIECE_TIMEOUT + 0.1, 2, []), RUNNING, SendSamples()),  # the rest of the last piece
     row(FAULTED, ('look', 1e9, 2, []), FAULTED),
     # the mechanism has advanced by one tick; in other states: test_tick_outside_a_running_cycle_is_an_error
     row(RUNNING, ('advanced', 2, 0.0), RUNNING, SendSamples()),
@@ -197,6 +213,7 @@ TABLE = [
     row(HELD, ('recorded', 1, 4, 0.0), HELD),
     row(HELD, ('recorded', 2, 4, 0.0), RUNNING, SendSamples()),
     row(PAUSED, ('recorded', 2, 3, 0.0), PAUSED),
+    row(AWAITING, ('recorded', 1, 2, 0.0), AWAITING),
     row(FAULTED, ('recorded', 2, 4, 0.0), FAULTED),
     # answers are overdue
     row(
@@ -210,6 +227,7 @@ TABLE = [
     row(RUNNING, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 1, 'a: door')),
     row(HELD, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 3, 'a: door')),
     row(PAUSED, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 2, 'a: door')),
+    row(AWAITING, ('stop_requested', 4, 'a: door'), FAULTED, StopSafely(4, 1, 'a: door')),
     row(RUNNING, ('stop_requested', 3, 'a: door'), RUNNING),
     row(HELD, ('stop_requested', 5, 'a: door'), HELD),
     row(STANDING, ('stop_requested', 3, 'a: door'), STANDING),
@@ -223,6 +241,7 @@ TABLE = [
     row(RUNNING, ('halt', 'hand'), FAULTED, StopSafely(4, 1, 'hand')),
     row(HELD, ('halt', 'hand'), FAULTED, StopSafely(4, 3, 'hand')),
     row(PAUSED, ('halt', 'hand'), FAULTED, StopSafely(4, 2, 'hand')),
+    row(AWAITING, ('halt', 'hand'), FAULTED, StopSafely(4, 1, 'hand')),
     row(FAULTED, ('halt', 'hand'), FAULTED),
     # a reset request
     row(STANDING, ('reset',), STANDING, GoHome(3, NO_FAULT)),
@@ -231,6 +250,7 @@ TABLE = [
     row(RUNNING, ('reset',), RUNNING, RefuseReset(RUNS)),
     row(HELD, ('reset',), HELD, RefuseReset(RUNS)),
     row(PAUSED, ('reset',), PAUSED, RefuseReset(RUNS)),
+    row(AWAITING, ('reset',), AWAITING, RefuseReset(RUNS)),
     row(FAULTED, ('reset',), STANDING, GoHome(4, 'at home; cleared: a: door')),
 ]
 
@@ -304,6 +324,9 @@ RANDOM_EVENTS = st.one_of(
     st.tuples(st.just('answer'), st.integers(0, 1), st.integers(-1, 1), st.sampled_from([0.5, 0.5, float('nan')])),
     st.tuples(st.just('announced'), st.sampled_from([0, 1, 2])),
     st.tuples(st.just('load all')),
+    st.tuples(st.just('load jog')),
+    st.tuples(st.just('load piece'), st.sampled_from([1, 1, 2])),
+    st.tuples(st.just('piece'), st.sampled_from('ab'), st.integers(0, 4), st.integers(0, 4)),
     st.tuples(st.just('answer all')),
     st.tuples(st.just('answer all')),
     st.tuples(st.just('recorded')),
@@ -334,6 +357,10 @@ class Shell:
         match event:
             case ('load all',):  # in a row, so that long sequences get beyond LOADING
                 steps = [('announced', 1), ('loaded', 'a', 1, 3), ('loaded', 'b', 1, 3), ('look', [])]
+            case ('load jog',):
+                steps = [('announced', 1), ('loaded', 'a', 1, 3, 1), ('loaded', 'b', 1, 3, 1), ('look', [])]
+            case ('load piece', hold):
+                steps = [('piece', 'a', hold + 2, hold), ('piece', 'b', hold + 2, hold), ('look', [])]
             case ('answer all',):
                 steps = [('answer', 0, 0, 0.5), ('answer', 1, 0, 0.5)]
             case _:
@@ -351,8 +378,11 @@ class Shell:
                 self.announced = run.cycle + arguments[0]
                 self.perform(run.announced(self.announced))
             case 'loaded':
-                joint, shift, samples = arguments
-                self.perform(run.loaded(joint, run.cycle + shift, samples, self.now))
+                joint, shift, samples, *hold = arguments
+                self.perform(run.loaded(joint, run.cycle + shift, samples, self.now, *hold))
+            case 'piece':
+                joint, samples, hold = arguments
+                self.perform(run.loaded(joint, run.cycle, run.index + samples, self.now, run.index + hold))
             case 'look':
                 self.perform(run.look(self.now, tick, *arguments))
             case 'answer':
@@ -392,9 +422,13 @@ class Shell:
             self.perform(self.run.advanced(barrier.next_tick(), self.now))
 
     def perform(self, actions):
+        run = self.run
         for action in actions:
             match action:
-                case SendSamples():
+                case Extend(cycle, samples):
+                    assert cycle == run.cycle not in self.ended
+                    assert samples > run.index
+                case SendSamples() | SendExtended():
                     assert not self.barrier.is_open
                     self.barrier.open(self.now)
                     self.waits = False
@@ -434,6 +468,93 @@ def test_random_events_keep_barrier_and_run_consistent(window, events):
     for event in events:
         shell.feed(event)
     assert shell.ended == sorted(set(shell.ended))
+
+
+@pytest.mark.parametrize(('holds', 'hold'), [((1, 1), 1), ((1, 0), 0), ((1, 2), 0), ((4, 4), 0), ((9, 9), 0)])
+def test_cycle_is_a_jog_if_all_joints_hold_within_it(holds, hold):
+    """A controller that takes no pieces reports no hold: then the machine waits for none."""
+    run = run_in(STANDING, window=None)
+    run.announced(CYCLE)
+    for joint, own in zip(JOINTS, holds, strict=True):
+        run.loaded(joint, CYCLE, 4, 0.0, own)
+    assert run.look(0.0, 1, []) == (Start(CYCLE, 4, hold), SendSamples())
+
+
+def jogging(window=None):
+    """Return a run that has sent the last tick before its hold: 4 samples, held before sample 1."""
+    run = run_in(STANDING, window=window)
+    load(run, CYCLE, (4, 4), hold=1)
+    run.look(0.0, 1, [])
+    return run
+
+
+def load_piece(run, samples, hold, joints=JOINTS):
+    for joint in joints:
+        run.loaded(joint, CYCLE, samples, 0.0, hold)
+
+
+def test_piece_that_is_loaded_in_time_extends_the_cycle_at_once():
+    run = jogging()
+    load_piece(run, 5, 2)
+    assert run.advanced(2, 0.0) == (Extend(CYCLE, 5), SendExtended())
+    load_piece(run, 6, 3)
+    assert run.advanced(3, 0.0) == (Extend(CYCLE, 6), SendExtended())
+    assert (run.advanced(4, 0.0), run.state) == ((), AWAITING)
+
+
+def test_piece_that_the_machine_waits_for_extends_the_cycle():
+    run = jogging()
+    assert (run.advanced(2, 0.0), run.state) == ((), AWAITING)
+    load_piece(run, 5, 2, 'a')
+    assert run.look(0.1, 2, []) == ()
+    load_piece(run, 5, 2, 'b')
+    assert run.look(0.2, 2, []) == (Extend(CYCLE, 5), SendExtended())
+
+
+def test_jog_without_a_further_piece_is_driven_to_its_end():
+    """A killed trajectory source: the machine drives the end at rest that every piece has, and takes no piece then."""
+    run = jogging()
+    run.advanced(2, 0.0)
+    assert run.look(PIECE_TIMEOUT + 0.1, 2, []) == (SendSamples(),)
+    load_piece(run, 9, 3)
+    assert run.advanced(3, 1.0) == run.advanced(4, 1.0) == (SendSamples(),)
+    assert run.advanced(5, 1.0) == (Finish(CYCLE, 4),)
+
+
+@pytest.mark.parametrize(('samples', 'hold'), [(4, 2), (5, 1), (5, 5), (5, 6)])
+def test_piece_that_extends_nothing_is_ignored(samples, hold):
+    """Not longer than the cycle, or with a hold before its own begin or after its end."""
+    run = jogging()
+    load_piece(run, samples, hold)
+    assert (run.advanced(2, 0.0), run.state) == ((), AWAITING)
+    load_piece(run, 7, 0)
+    assert run.look(0.1, 2, []) == (Extend(CYCLE, 7), SendExtended())
+
+
+def test_different_pieces_of_two_joints_are_not_used():
+    run = jogging()
+    load_piece(run, 5, 2, 'a')
+    load_piece(run, 6, 2, 'b')
+    assert (run.advanced(2, 0.0), run.state) == ((), AWAITING)
+
+
+def test_recorder_and_pace_hold_the_first_tick_of_a_piece():
+    run = jogging(window=1)
+    load_piece(run, 5, 2)
+    assert (run.advanced(2, 0.0), run.state) == ((Extend(CYCLE, 5),), HELD)
+    assert run.recorded(1, 2, 0.0) == (SendExtended(),)
+    run = jogging()
+    run.pace.set(1.0, 1, 0.0)
+    run.paced(1, 0.0)
+    load_piece(run, 5, 2)
+    assert run.advanced(2, 0.1) == (Extend(CYCLE, 5), AwaitTurn())
+    assert run.turn(2, 1.0) == (SendExtended(),)
+
+
+def test_cycle_that_is_no_jog_cannot_be_extended():
+    run = run_in(RUNNING, window=None, lengths=(2, 2))
+    load_piece(run, 9, 5)
+    assert run.advanced(3, 0.0) == (Finish(CYCLE, 2),)
 
 
 def test_restarted_joint_has_time_after_the_killed_one_has_left():

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pkm_core.bag.pieces import SAFE_STOP, extensions, planned
 from pkm_core.bag.reader import column, damage_refused, read_metadata, read_topics
 from pkm_core.errors import BagError
 from pkm_core.motion.metrics import axis_metrics
-
-_RUN = 0  # EncoderSample.RUN
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,11 @@ def _trajectory(path, messages, namespace, kind):
     topic = f'{namespace}/{kind}_trajectory'
     if topic not in messages:
         raise BagError(f'{path}: has no message on {topic}; expected a bag of the cell in {namespace}')
-    message = messages[topic][-1]
+    joint = messages[f'{namespace}/joint_trajectory'][-1].coordinates[0]
+    try:
+        message = planned(messages[topic], extensions(messages.get(f'{namespace}/{joint}/encoder', ())))
+    except BagError as error:
+        raise BagError(f'{path}: {topic}: {error}') from None
     return message, np.reshape(message.position, (-1, len(message.coordinates)))
 
 
@@ -172,7 +175,7 @@ def _ticks(path, messages, namespace, joints):
     """
     samples, commands = [], []
     for joint in joints:
-        samples.append([m for m in messages.get(f'{namespace}/{joint}/encoder', ()) if m.mode == _RUN])
+        samples.append([m for m in messages.get(f'{namespace}/{joint}/encoder', ()) if m.mode != SAFE_STOP])
         commands.append(messages.get(f'{namespace}/{joint}/command', []))
     length = min(map(len, samples + commands))
     samples, commands = ([taken[:length] for taken in lists] for lists in (samples, commands))

@@ -16,13 +16,13 @@ from mcap.records import Channel, Chunk, Message, Metadata, Schema
 
 from pkm_core.bag.integrity import is_whole
 from pkm_core.bag.message_types import types_of
+from pkm_core.bag.pieces import SAFE_STOP, extensions, planned
 from pkm_core.bag.reader import bag_files, damage_refused, opened, read_metadata
 from pkm_core.bag.writer import BagWriter
 from pkm_core.errors import BagError
 from pkm_core.mcap_records import RawMessage, raw
 
 _INTERFACES = 'pkm_interfaces/msg/'
-_RUN = 0  # EncoderSample.RUN
 _ENDED = (2, 4)  # CycleEvent.FINISHED and FAULT
 
 
@@ -200,12 +200,14 @@ def _write(target, found, expected, name):
 
 def _planned_ticks(found, encoders, commands):
     """Return {topic of the servo tick: its ticks} up to the end of the cycle or, without an event, its planned end."""
-    running = [m for samples in encoders.values() for m in samples if m.mode == _RUN]
-    trajectories = [m for messages in found.read('SampledTrajectory').values() for m in messages]
+    running = [m for samples in encoders.values() for m in samples if m.mode != SAFE_STOP]
+    trajectories = [messages for messages in found.read('SampledTrajectory').values() if messages]
     if not running or not trajectories:
         return {}
     first = running[0].tick - running[0].index
-    encoder_end = command_end = first + len(trajectories[-1].position) // len(trajectories[-1].coordinates)
+    pieces = {getattr(each, 'offset', 0) for each in trajectories[-1]}
+    whole = planned(trajectories[-1], extensions(running) & pieces)  # of a jog as far as it is in the bag
+    encoder_end = command_end = first + len(whole.position) // len(whole.coordinates)
     for event in (m for messages in found.read('CycleEvent').values() for m in messages):
         if event.event in _ENDED:
             encoder_end, command_end = event.tick, first + event.samples

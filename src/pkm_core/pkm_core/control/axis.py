@@ -116,6 +116,20 @@ class AxisController(ABC):
         self._samples, self._next, self._reference = samples, 0, rows[0]
         self._state[-1] = 0.0
 
+    def extend(self, offset, position, velocity, acceleration, jerk, coupling):
+        """
+        Replace the reference from sample `offset` on by rows (M,) as of `load`, without learned feedforward.
+
+        The cycle is running: the state of the law stays.
+        """
+        rows = position, velocity, acceleration, jerk, np.zeros(len(position))
+        before = self._reference, *self._motion
+        whole = [np.concatenate([old[:offset], new]) for old, new in zip(before, rows, strict=True)]
+        coupling = np.concatenate([self._forces.coupling[:offset], coupling])
+        self._forces = CycleForces(whole[0], whole[1], whole[2], coupling, self._forces.start)
+        self._reference, self._motion, self._samples = whole[0], tuple(whole[1:]), len(whole[0])
+        self._feedforward = self._sum_feedforward()
+
     def _sum_feedforward(self):
         """Return the feedforward (N,) [V] of the loaded cycle, and store its continuation after the cycle."""
         velocity, acceleration, jerk, learned = self._motion

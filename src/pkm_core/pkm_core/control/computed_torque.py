@@ -137,6 +137,19 @@ class ComputedTorque:
         self._samples, self._position, self._learned = len(trajectory), position, learned
         self._velocity, self._acceleration = velocity + self._delay * acceleration, acceleration + self._delay * jerk
 
+    def check(self, trajectory):
+        """Raise `PkmError` if a drive cannot follow a joint trajectory by its model."""
+        self._check(trajectory)
+
+    def extend(self, offset, position, velocity, acceleration, jerk):
+        """Replace the running cycle from sample `offset` on by rows (M, n), without learned voltage."""
+        new = velocity + self._delay * acceleration, acceleration + self._delay * jerk, np.zeros_like(position)
+        old = self._velocity, self._acceleration, self._learned
+        joined = (np.concatenate([before[:offset], rows]) for before, rows in zip(old, new, strict=True))
+        self._velocity, self._acceleration, self._learned = joined
+        self._position = np.concatenate([self._position[:offset], position])
+        self._samples = len(self._position)
+
     def update(self, index, measured):
         """Return voltages [V] and errors r - q [m], (n,) each, for sample `index` and `measured` positions (n,) [m]."""
         if not 0 <= index < self._samples:

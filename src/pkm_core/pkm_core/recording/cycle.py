@@ -39,6 +39,7 @@ class CycleRecording:
         self.number = number
         self.motion, self.law = 'motion', 'none'
         self.trajectories: dict[str, bytes] = {}  # by topic; resent every second until the cycle starts
+        self.extensions = 0  # pieces of a jog that the machine has driven
         self.first_tick: int | None = None
         self.place = 0  # in the order in which cycles start, 0 before the first tick
         self.last_tick: int | None = None

@@ -119,6 +119,10 @@ class Cycles:
             self._open[number] = CycleRecording(number, self._topics, self._tick_ns)
         return self._open[number]
 
+    def known(self, number):
+        """Return the recording of cycle `number`, None if it has none or is closed."""
+        return self._open.get(number)
+
     def is_closed(self, number):
         """Return whether cycle `number` is closed, and not open again."""
         return number not in self._open and number in self._ends

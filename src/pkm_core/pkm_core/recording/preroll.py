@@ -28,7 +28,7 @@ class PreRoll:
         self._ticks, self._topics, self._tick_ns = ticks, topics, sample_time_ns
         self._kept: dict[str, deque[Block]] = {name: deque() for name in topics}
         self._numbers: Counter[str] = Counter()  # messages in `_kept`, by topic
-        self._trajectories: dict[str, bytes] = {}
+        self._trajectories: dict[str, list[bytes]] = {}
 
     def take(self, block):
         """Add messages; remove blocks of their topic that are too old, or not needed for one message per tick."""
@@ -46,7 +46,11 @@ class PreRoll:
 
     def take_trajectory(self, topic, data):
         """Add a trajectory; the last one of each topic is in every snapshot."""
-        self._trajectories[topic] = data
+        self._trajectories[topic] = [data]
+
+    def take_piece(self, topic, data):
+        """Add a piece of a jog to its trajectory."""
+        self._trajectories.get(topic, []).append(data)
 
     def save(self, folder, facts):
         """Write the messages into a new bag in `folder`; return its path, or raise `BagError` without a message."""
@@ -65,8 +69,9 @@ class PreRoll:
         }
         kinds = {name: topic.kind for name, topic in self._topics.items()}
         bag = open_bag(free_path(folder, f'snapshot_{newest:09d}_{now:%Y%m%dT%H%M%S}'), kinds, metadata)
-        for topic, data in self._trajectories.items():
-            bag.write(topic, data, oldest * self._tick_ns)
+        for topic, parts in self._trajectories.items():
+            for data in parts:
+                bag.write(topic, data, oldest * self._tick_ns)
         for block in kept:
             bag.write_block(block.topic, block.messages, block.ticks * self._tick_ns)
         bag.close({})

@@ -222,12 +222,25 @@ class Sorter:
     def _take_trajectories(self, topic, messages):
         for message in messages:
             data = message.tobytes()
-            self._preroll.take_trajectory(topic, data)
             trajectory = self._types.deserialize_cdr(data, self._topics[topic].kind)
+            if trajectory.offset:
+                self._take_piece(topic, message, trajectory.cycle)
+                continue
+            self._preroll.take_trajectory(topic, data)
             self._cycles.reopen(trajectory.cycle)
             cycle = self._cycles.of(trajectory.cycle)
             cycle.take_trajectory(topic, data, trajectory)
             self._cycles.advance(cycle)
+
+    def _take_piece(self, topic, message, number):
+        """Put a piece of a jog into its cycle; after the end only one that is missing, because it was driven."""
+        self.sort()
+        cycle = self._cycles.known(number)
+        if cycle is None or topic not in cycle.trajectories:
+            self._warn(f'{topic}: a piece of cycle {number}, whose bag is closed or lacks the first one; not recorded')
+        elif cycle.ended is None or cycle.counts[topic] < cycle.expected[topic]:
+            self._preroll.take_piece(topic, message.tobytes())
+            self._cycles.put(cycle, single(topic, message, cycle.last_tick))
 
     def _take_events(self, topic, messages):
         self.sort()
@@ -248,6 +261,7 @@ class Sorter:
         if event.event == event.STARTED:
             self._cycles.interrupt_others(cycle)
             self._start(cycle, event.tick)
+        cycle.extensions += event.event == event.EXTENDED
         if cycle.last_tick is not None:
             self._preroll.take(single(topic, message, cycle.last_tick))
         self._cycles.put(cycle, single(topic, message, event.tick or cycle.last_tick))

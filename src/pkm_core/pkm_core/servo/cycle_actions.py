@@ -9,16 +9,30 @@ class SendSamples:
 
 
 @dataclass(frozen=True, slots=True)
+class SendExtended:
+    """As `SendSamples`, with the first sample of a piece that extends a jog."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extend:
+    """Report that the next piece extends the cycle to `samples`."""
+
+    cycle: int
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
 class AwaitTurn:
     """Call `CycleRun.turn` when the current tick is due in wall time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Start the cycle; its first samples follow at once, or after a pause."""
+    """Start the cycle; its first samples follow at once, or after a pause. `hold` is that of a jog, otherwise 0."""
 
     cycle: int
     samples: int
+    hold: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,20 @@
 from enum import Enum
 from math import inf
 
-from pkm_core.servo.cycle_actions import AwaitTurn, Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
+from pkm_core.servo.cycle_actions import (
+    AwaitTurn,
+    Extend,
+    Finish,
+    GoHome,
+    Refuse,
+    RefuseReset,
+    SendExtended,
+    SendSamples,
+    Start,
+    StopSafely,
+)
+from pkm_core.servo.jog_pieces import JogPieces
+from pkm_core.servo.next_cycle import NextCycle
 from pkm_core.servo.pace import Turn
 from pkm_core.servo.recorder_window import RecorderWindow
 
@@ -17,6 +30,7 @@ class CycleState(Enum):
     RUNNING = 'running'  # a tick awaits its answers
     HELD = 'held'  # as far ahead of the recorder as allowed; no tick is awaited
     PAUSED = 'paused'  # between two ticks of a cycle; no tick is awaited
+    AWAITING = 'awaiting'  # between two ticks of a jog, for its next piece; no tick is awaited
     FAULTED = 'faulted'  # stopped safely; only a reset ends it
 
 
@@ -27,8 +41,11 @@ LEASE = 22.0
 SETTLED = 1.0
 # a larger number of a cycle is not one of a cell that counts from 1: accepting it would end the counting
 MOST_CYCLES = 2**31
+# [s, wall] chosen: the way of a piece through the cell takes 10 ms; simulated time stands meanwhile, so nothing moves
+PIECE_TIMEOUT = 0.5
 # one object for all ticks: `advanced` creates none
 SEND_SAMPLES = (SendSamples(),)
+SEND_EXTENDED = (SendExtended(),)
 AWAIT_TURN = (AwaitTurn(),)
 _RUNNING = CycleState.RUNNING  # looked up once: access to a member of an Enum takes as long as the rest of `advanced`
 
@@ -74,10 +91,10 @@ class CycleRun:
         self._answer_timeout = answer_timeout
         self._recorder = RecorderWindow(recorder_window)
         self._crowded_at = -inf  # time of the last look that found several publishers
-        self._samples = 0  # length of the last started cycle
-        self._next_cycle = 0  # the cycle that `_lengths` belong to
+        self._next, self._pieces = NextCycle(joints), JogPieces(joints)
+        self._samples = 0  # number of ticks after which the last started cycle ends or waits for a piece
+        self._sending: tuple = SEND_SAMPLES  # of the next tick that `_release` begins
         self._announced = 0  # the last cycle of a goal
-        self._lengths = {}  # loaded samples by joint
         self._since = 0.0  # begin of LOADING or of HELD
         self._crowded = False  # intruders have been seen since the begin of LOADING
         self.pace = pace
@@ -92,36 +109,38 @@ class CycleRun:
     @property
     def is_running(self):
         """Whether a cycle has started and has not ended."""
-        return self.state in (CycleState.RUNNING, CycleState.HELD, CycleState.PAUSED)
+        return self.state in (CycleState.RUNNING, CycleState.HELD, CycleState.PAUSED, CycleState.AWAITING)
 
     def announced(self, cycle):
         """Take the ANNOUNCED event of a goal: no other cycle than `cycle` starts."""
         self._announced = cycle
         return ()
 
-    def loaded(self, joint, cycle, samples, now):
+    def loaded(self, joint, cycle, samples, now, hold=0):
         """
-        Take the LOADED event of `joint`: it holds `samples` samples of `cycle`.
+        Take the LOADED event of `joint`: it holds `samples` samples of `cycle` and waits before sample `hold`, if any.
 
         Events of other sources, late events, of a cycle that has been started, and impossible numbers are ignored. A
         cycle that differs from that of earlier joints replaces theirs, unless theirs is the announced one. The cycle
-        starts in `look`.
+        starts in `look`; a jog is extended there.
         """
         if joint not in self._joints or cycle > MOST_CYCLES:
             return ()
         if self.state is CycleState.FAULTED:
             reason = f'the machine has stopped: {self.fault}; call the service machine/reset first'
             return (Refuse(cycle, reason),)
+        if self.is_running and cycle == self.cycle:
+            self._pieces.loaded(joint, samples, hold)
         if self.is_running or cycle <= self.cycle:
             return ()
-        if cycle != self._next_cycle:
-            if self.is_loading and self._next_cycle == self._announced:
+        if cycle != self._next.number:
+            if self.is_loading and self._next.number == self._announced:
                 return ()
             self._discard()
-        if not self._lengths:
-            self._next_cycle, self._since, self._crowded = cycle, now, False
-        self._lengths[joint] = samples
-        self.state = CycleState.LOADED if len(self._lengths) == len(self._joints) else CycleState.LOADING
+        if self._next.is_empty:
+            self._next.number, self._since, self._crowded = cycle, now, False
+        self._next.loaded(joint, samples, hold)
+        self.state = CycleState.LOADING if self._next.late else CycleState.LOADED
         return ()
 
     def look(self, now, tick, unconnected, intruders=''):
@@ -131,8 +150,10 @@ class CycleRun:
         `tick` is the current tick. `unconnected` names the nodes with readers that are not connected yet, and counts in
         `LOADED` only. `intruders` describes topics with several publishers where one is allowed.
         """
+        if self.state is CycleState.AWAITING:
+            return self._continue(tick, now)
         ready = self.state is CycleState.LOADED and not self._recorder.is_missing and not unconnected
-        ready = ready and self._next_cycle == self._announced
+        ready = ready and self._next.number == self._announced
         if intruders:
             self._crowded_at = now
         if ready and not intruders and now - self._crowded_at >= SETTLED:
@@ -140,13 +161,13 @@ class CycleRun:
         if ready and now - self._since <= max(self._start_timeout, LEASE):
             return ()
         if ready and intruders:
-            return self._refuse(f'cycle {self._next_cycle}: {intruders}')
+            return self._refuse(f'cycle {self._next.number}: {intruders}')
         # a restarted controller is not believed until DDS forgets the killed one, and then its next event must arrive
         self._crowded = self._crowded or bool(intruders)
         patience = max(self._start_timeout, LEASE) if self._crowded else self._start_timeout
         if self.is_loading and now - self._since > patience:
             remark = f'; {intruders}' if intruders else ''
-            return self._refuse(f'cycle {self._next_cycle}: {self._reason_of_delay(unconnected)}{remark}')
+            return self._refuse(f'cycle {self._next.number}: {self._reason_of_delay(unconnected)}{remark}')
         if self.state is CycleState.HELD and now - self._since > self._answer_timeout:
             return self._stop(
                 f'{self._where(tick)}: the recorder has not confirmed anything after tick {self._recorder.recorded} '
@@ -162,6 +183,9 @@ class CycleRun:
         if fault:
             return self._stop(fault)
         if self.index == self._samples:
+            if self._pieces.hold:
+                self.state, self._since = CycleState.AWAITING, now
+                return self._continue(tick, now)
             self.state = CycleState.STANDING
             self.pace.end(tick, now)
             return (Finish(self.cycle, self._samples),)
@@ -180,7 +204,23 @@ class CycleRun:
         if turn is Turn.LATER:
             self._awaits_turn = True
             return AWAIT_TURN
-        return SEND_SAMPLES if turn is Turn.NOW else ()
+        if turn is not Turn.NOW:
+            return ()
+        sending, self._sending = self._sending, SEND_SAMPLES
+        return sending
+
+    def _continue(self, tick, now):
+        """Extend the jog by the piece that all joints have loaded; after `PIECE_TIMEOUT` drive the rest of the last."""
+        extended = self._pieces.extend()
+        if not extended and now - self._since <= PIECE_TIMEOUT:
+            return ()
+        if not extended:
+            self._pieces.close()
+        self.state, self._samples = CycleState.RUNNING, self._pieces.stop
+        if not extended:
+            return self._release(tick, now)
+        self._sending = SEND_EXTENDED
+        return Extend(self.cycle, self._pieces.samples), *self._release(tick, now)
 
     def turn(self, tick, now):
         """Begin `tick`, which is due; ignored unless it was waited for."""
@@ -242,19 +282,17 @@ class CycleRun:
         self._last_tick = self._recorder.last if self.pace.is_free else -1
 
     def _start(self, tick, now):
-        lengths = {joint: self._lengths[joint] for joint in self._joints}
-        shortest, longest = min(lengths.values()), max(lengths.values())
-        if shortest < longest or shortest < 1:
-            return self._refuse(
-                f'the joints loaded cycles of different lengths: {lengths}; all must be equal and at least 1'
-            )
-        self.state, self.cycle, self.index, self._samples = CycleState.RUNNING, self._next_cycle, 0, longest
+        if self._next.mismatch:
+            return self._refuse(self._next.mismatch)
+        self._pieces.begin(self._next.samples, self._next.hold)
+        self._sending = SEND_SAMPLES
+        self.state, self.cycle, self.index, self._samples = _RUNNING, self._next.number, 0, self._pieces.stop
         self.pace.begin(tick, now)
-        return Start(self.cycle, longest), *self._release(tick, now)
+        return Start(self.cycle, self._pieces.samples, self._pieces.hold), *self._release(tick, now)
 
     def _refuse(self, reason):
         self._discard()
-        return (Refuse(self._next_cycle, reason),)
+        return (Refuse(self._next.number, reason),)
 
     def _stop(self, reason):
         self.state, self.fault, self._awaits_turn = CycleState.FAULTED, reason, False
@@ -262,17 +300,16 @@ class CycleRun:
 
     def _discard(self):
         """Forget what the joints have loaded."""
-        self._lengths.clear()
+        self._next.clear()
         if self.is_loading:
             self.state = CycleState.STANDING
 
     def _reason_of_delay(self, unconnected):
-        late = [joint for joint in self._joints if joint not in self._lengths]
-        if late:
-            return f'not loaded within {self._start_timeout} s by joint_controller of {late}'
+        if self._next.late:
+            return f'not loaded within {self._start_timeout} s by joint_controller of {self._next.late}'
         if self._recorder.is_missing:
             return f'the recorder has not reported within {self._start_timeout} s; is it running?'
-        if self._next_cycle != self._announced:
+        if self._next.number != self._announced:
             return 'belongs to no running goal; only the trajectory source of this cell starts cycles'
         return f'topics of {list(unconnected)} have readers that are not connected after {self._start_timeout} s'
 

@@ -6,7 +6,7 @@ import re
 MACHINE = 'machine/cycle'
 # events of one source, and a topic of its node
 _ONLY = {
-    **dict.fromkeys(('STARTED', 'FINISHED', 'FAULT', 'RESET'), ('machine', MACHINE)),
+    **dict.fromkeys(('STARTED', 'EXTENDED', 'FINISHED', 'FAULT', 'RESET'), ('machine', MACHINE)),
     **dict.fromkeys(('RECORDED', 'NOT_RECORDED'), ('recorder', 'recorder/tick')),
 }
 # topics whose publishers are looked up regularly: the events of their nodes begin and end cycles

@@ -69,6 +69,8 @@ def trajectory_to_msg(
     planned='',
     geometry='',
     stay=False,
+    offset=0,
+    hold=0,
 ):
     """
     Return a trajectory as a message.
@@ -91,6 +93,8 @@ def trajectory_to_msg(
         Hash of the kinematics it was computed with, '' if it is not to be checked.
     stay : bool
         Whether the cycle may end elsewhere than where it begins.
+    offset, hold : int
+        [samples] of a piece of a jog, see `motion.jog.Piece`.
 
     """
     message = SampledTrajectoryMessage(
@@ -101,6 +105,8 @@ def trajectory_to_msg(
         planned=planned,
         geometry=geometry,
         stay=stay,
+        offset=offset,
+        hold=hold,
         sample_time=trajectory.sample_time,
         coordinates=list(trajectory.coordinates),
         move_starts=[int(i) for i in trajectory.move_starts],

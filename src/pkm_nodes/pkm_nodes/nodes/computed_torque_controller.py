@@ -10,11 +10,13 @@ import numpy as np
 
 from pkm_core.control.controllers import make_controller
 from pkm_core.errors import PkmError
+from pkm_core.motion.pieces import rows_from
 from pkm_interfaces.msg import EncoderSample
 from pkm_nodes.messages.conversions import is_identification
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
-from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains, following_error_limit
+from pkm_nodes.parts.cycle_controller import CycleController, choose_gains, following_error_limit
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.cycle_law import CycleLaw
 from pkm_nodes.parts.loaded_config import LoadedConfig
 from pkm_nodes.runtime.node import PkmNode, entry_point
 
@@ -34,7 +36,7 @@ class ComputedTorqueControllerNode(PkmNode):
         self._measured = np.zeros(len(joints))  # [m] at self._tick
         self._missing = set()  # columns without a sample of self._tick
         self._errors = np.zeros((0, len(joints)))  # [m] of the loaded cycle, one row per sample
-        law = CycleLaw(load=self._load, reset=self._controller.reset, check=_check)
+        law = CycleLaw(load=self._load, reset=self._controller.reset, extend=self._extend, check=_check)
         events = {joint: CycleEvents(self, joint) for joint in joints}
         self._cycles = CycleController(self, machine, events, law, self._limit)
         self._cycle, self._senders = self._cycles.cycle, self._cycles.senders
@@ -47,11 +49,20 @@ class ComputedTorqueControllerNode(PkmNode):
         self._errors = loaded.errors
         self._controller.load(loaded.trajectory, np.zeros_like(loaded.trajectory.position))
 
+    def _extend(self, loaded, offset):
+        piece = rows_from(loaded.trajectory, offset)
+        self._controller.check(piece)
+
+        def put_in_force():
+            self._controller.extend(offset, *piece.derivatives())
+            self._errors = loaded.errors
+
+        return put_in_force
+
     def _on_sample(self, column, data):
         """Take the sample of one encoder; the last one of a tick makes all commands: the hot path."""
         tick, cycle, index, mode, _, position = ENCODER_SAMPLE.unpack(data)
-        if mode != EncoderSample.RUN:
-            self._cycles.drop()
+        if mode != EncoderSample.RUN and not self._cycles.extended(mode, index):
             return
         if cycle != self._cycle.active:
             return

@@ -107,7 +107,7 @@ class DashboardNode(PkmNode):
 
     def _on_trajectory(self, message):
         machine = self.cell.machine
-        if machine is None or tuple(message.coordinates) != machine.coordinates:
+        if machine is None or tuple(message.coordinates) != machine.coordinates or message.offset:
             return
         positions = np.array(message.position)
         if positions.size and not positions.size % len(machine.coordinates):

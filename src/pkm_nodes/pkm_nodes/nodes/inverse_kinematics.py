@@ -49,7 +49,9 @@ class InverseKinematicsNode(PkmNode):
             feedforward = feedforward_from_msg(message, joints.position.shape)
         except PkmError as error:
             self.get_logger().error(f'pose_trajectory refused: {error}')
-            self._events.publish(CycleEvent.REFUSED, message.cycle, message=str(error))
+            # a refused piece of a jog ends it at rest
+            event = CycleEvent.NOTICE if message.offset else CycleEvent.REFUSED
+            self._events.publish(event, message.cycle, message=str(error))
             return
 
         def send(trajectory, planned=''):
@@ -63,6 +65,8 @@ class InverseKinematicsNode(PkmNode):
                     geometry=geometry,
                     planned=planned,
                     stay=message.stay,
+                    offset=message.offset,
+                    hold=message.hold,
                 )
             )
 

@@ -17,13 +17,15 @@ from pkm_core.control.model import load_model
 from pkm_core.control.observer_design import ObserverLaw
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.identification import IdentificationError
+from pkm_core.motion.pieces import rows_from
 from pkm_interfaces.msg import CycleEvent, EncoderSample
 from pkm_nodes.messages.conversions import learns
 from pkm_nodes.messages.tick_messages import ENCODER_SAMPLE, MOTOR_COMMAND
 from pkm_nodes.parts.axis_excitation import AxisExcitation
 from pkm_nodes.parts.axis_learning import AxisLearning
-from pkm_nodes.parts.cycle_controller import CycleController, CycleLaw, choose_gains, following_error_limit
+from pkm_nodes.parts.cycle_controller import CycleController, choose_gains, following_error_limit
 from pkm_nodes.parts.cycle_events import CycleEvents
+from pkm_nodes.parts.cycle_law import CycleLaw
 from pkm_nodes.parts.gain_parameters import GainParameters, flat
 from pkm_nodes.parts.loaded_config import LoadedConfig
 from pkm_nodes.runtime.node import PkmNode, entry_point
@@ -60,6 +62,7 @@ class JointControllerNode(PkmNode):
         law = CycleLaw(
             load=self._load,
             reset=self._reset,
+            extend=self._extend,
             check=self._check,
             is_busy=self._is_busy,
             learn=self._learn,
@@ -133,6 +136,18 @@ class JointControllerNode(PkmNode):
         coupling = coupling_voltage(self._machine, loaded.trajectory, self._column)
         self._controller.load(*axis, self._feedforward, coupling)
 
+    def _extend(self, loaded, offset):
+        column, piece = self._column, rows_from(loaded.trajectory, offset)
+        check_drive(self._machine, self._model, piece, column)
+        coupling = coupling_voltage(self._machine, piece, column)
+
+        def put_in_force():
+            self._controller.extend(offset, *(rows[:, column] for rows in piece.derivatives()), coupling)
+            self._feedforward = np.concatenate([self._feedforward[:offset], np.zeros(len(piece))])
+            self._errors = loaded.errors[:, 0]
+
+        return put_in_force
+
     def _on_learned(self):
         self._cycles.load_if_possible()
 
@@ -152,9 +167,8 @@ class JointControllerNode(PkmNode):
     def _on_sample(self, data):
         """Answer one encoder tick: the hot path."""
         tick, cycle, index, mode, _, position = ENCODER_SAMPLE.unpack(data)
-        if mode != EncoderSample.RUN:
-            # a safe stop: the cycle has ended, and the next one starts as after power-up
-            self._cycles.drop()
+        # a safe stop: the cycle has ended, and the next one starts as after power-up
+        if mode != EncoderSample.RUN and not self._cycles.extended(mode, index):
             return
         if cycle != self._cycle.active:
             return

@@ -23,7 +23,18 @@ from pkm_core.errors import ConfigError
 from pkm_core.machines.geometry import load_geometry
 from pkm_core.machines.identity import Specimen
 from pkm_core.plant.plant import Plant
-from pkm_core.servo.cycle_actions import AwaitTurn, Finish, GoHome, Refuse, RefuseReset, SendSamples, Start, StopSafely
+from pkm_core.servo.cycle_actions import (
+    AwaitTurn,
+    Extend,
+    Finish,
+    GoHome,
+    Refuse,
+    RefuseReset,
+    SendExtended,
+    SendSamples,
+    Start,
+    StopSafely,
+)
 from pkm_core.servo.cycle_run import SEND_SAMPLES, CycleRun, CycleState
 from pkm_core.servo.tick_barrier import TickBarrier
 from pkm_interfaces.msg import CycleEvent, EncoderSample
@@ -134,7 +145,7 @@ class MachineNode(PkmNode):
             self._run.announced(event.cycle)
             self._look()
         elif event.event == CycleEvent.LOADED:
-            self._perform(self._run.loaded(event.source, event.cycle, event.samples, monotonic()))
+            self._perform(self._run.loaded(event.source, event.cycle, event.samples, monotonic(), event.hold))
             self._look()
 
     def _on_recorder_tick(self, data):
@@ -163,13 +174,17 @@ class MachineNode(PkmNode):
             match action:
                 case SendSamples():
                     self._await_answers(monotonic())
+                case SendExtended():
+                    self._await_answers(monotonic(), EncoderSample.EXTENDED)
                 case AwaitTurn():
                     self._timing.await_turn()
-                case Start(cycle, samples):
+                case Start(cycle, samples, hold):
                     self._time.leave_rest(self._laser)
                     self._plant.start_cycle(cycle)
                     self._cycle_publisher.publish(UInt32(data=cycle))
-                    self._publish_event(CycleEvent.STARTED, cycle, samples=samples)
+                    self._publish_event(CycleEvent.STARTED, cycle, samples=samples, hold=hold)
+                case Extend(cycle, samples):
+                    self._publish_event(CycleEvent.EXTENDED, cycle, samples=samples)
                 case Finish(cycle, samples):
                     self._laser.publish()
                     self._standing.publish()
@@ -198,10 +213,10 @@ class MachineNode(PkmNode):
     def _publish_event(self, event, cycle, **fields):
         self._events.publish(event, cycle, tick=self._barrier.tick, **fields)
 
-    def _await_answers(self, now):
+    def _await_answers(self, now, mode=EncoderSample.RUN):
         """Send the encoder samples of this tick to the joint controllers."""
         self._barrier.open(now)
-        self._publish_samples(EncoderSample.RUN)
+        self._publish_samples(mode)
 
     def _publish_samples(self, mode):
         tick, cycle, index = self._barrier.tick, self._run.cycle, self._run.index

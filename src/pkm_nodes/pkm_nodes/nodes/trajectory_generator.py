@@ -1,12 +1,12 @@
 """
 Node `trajectory_generator`: commands in, one pose_trajectory per cycle out.
 
-A command is a goal of execute_motion, go_to or home, or a joint_trajectory_command; where package control_msgs is
-installed, also one of follow_joint_trajectory. It is run cycle by cycle: publish the trajectory, wait until the machine
-has run it, begin the next cycle. The trajectory is resent every second until the machine starts the cycle, so the nodes
-may start in any order. When the process of the machine disappears during a cycle, the cycle ends with a STOP event. An
-experiment of identification is planned in joints: its joint_trajectory and excitation are published with its
-pose_trajectory.
+A command is a goal of execute_motion, go_to or home, a joint_trajectory_command, or a stream on jog; where package
+control_msgs is installed, also a goal of follow_joint_trajectory. It is run cycle by cycle: publish the trajectory,
+wait until the machine has run it, begin the next cycle. The trajectory is resent every second until the machine starts
+the cycle, so the nodes may start in any order. When the process of the machine disappears during a cycle, the cycle
+ends with a STOP event. An experiment of identification is planned in joints: its joint_trajectory and excitation are
+published with its pose_trajectory.
 
 The node serves the actions. `GoalPlans` plans, `GoalCycles` publishes and follows the cycles.
 """
@@ -24,6 +24,7 @@ from pkm_nodes.parts.cell_geometry import CellGeometry
 from pkm_nodes.parts.follow_joint_trajectory import FollowJointTrajectory, find_action
 from pkm_nodes.parts.goal_cycles import GoalCycles
 from pkm_nodes.parts.goal_plans import GoalPlans
+from pkm_nodes.parts.jog import Jog
 from pkm_nodes.parts.joint_commands import JointCommands
 from pkm_nodes.parts.node_geometry import NodeGeometry
 from pkm_nodes.runtime.log_throttle import LogThrottle
@@ -52,7 +53,8 @@ class TrajectoryGeneratorNode(PkmNode):
         self._cell_geometry = CellGeometry(
             self, self._geometry, calibrated, self._cycles.occupy, self._cycles.publish_notice
         )
-        JointCommands(self, self._cycles, self._plans, self._run_command)
+        commands = JointCommands(self, self._cycles, self._plans, self._run_command)
+        self._jog = Jog(self, self._cycles, self._plans, commands, self._run_command)
         self.offer('trajectory_generator/reload', self._plans.reload)
         served = (
             (ExecuteMotion, 'execute_motion', self._execute),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pkm_core.bag.pieces import extensions, planned
 from pkm_core.bag.reader import damage_refused, raw_messages, read_topics
 from pkm_core.errors import BagError
 from pkm_nodes.page.tool_trace import ToolTrace, tool_trace
@@ -62,20 +63,26 @@ def read_trace(path, cycle, machine, namespace):
         raise BagError(f'{path}: has no tick with a command of every joint of {list(machine.joints)}')
     names = ('error', 'voltage', 'feedforward')
     error, voltage, feedforward = (np.stack([each[name][:length] for each in columns], axis=1) for name in names)
-    motion, law, poses = _plan(path, f'{namespace}/pose_trajectory', machine.coordinates)
+    motion, law, poses = _plan(path, namespace, machine)
     time = time - int(columns[0]['tick'][0]) * machine.sample_time
     within = slice(np.searchsorted(time, length * machine.sample_time))  # the laser measures on after a safe stop
     tool = tool_trace(cycle, time[within], displacement[within], poses, machine)
     return Trace(cycle, motion, law, 0 if poses is None else len(poses), error, voltage, feedforward, tool)
 
 
-def _plan(path, topic, coordinates):
+def _plan(path, namespace, machine):
     """Return motion, law and planned poses (N, m) of the cycle in a bag; '', '' and None without a trajectory."""
+    topic, encoder, coordinates = (
+        f'{namespace}/pose_trajectory',
+        f'{namespace}/{machine.joints[0]}/encoder',
+        machine.coordinates,
+    )
     messages = read_topics(path, {topic}).get(topic)
     if not messages:
         return '', '', None
     with damage_refused(path):
-        plan = messages[-1]
+        driven = extensions(read_topics(path, {encoder}).get(encoder, ())) if len(messages) > 1 else set()
+        plan = planned(messages, driven)
         if tuple(plan.coordinates) != tuple(coordinates):
             raise BagError(f'{path}: {topic} has coordinates {list(plan.coordinates)}; expected {list(coordinates)}')
         return plan.motion, plan.learning_law, np.reshape(plan.position, (-1, len(coordinates)))

@@ -1,8 +1,6 @@
 """The cycles of a controller between ticks: load the trajectory, report it, publish errors and metrics afterwards."""
 
 from array import array
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from time import monotonic
 
 import numpy as np
@@ -14,13 +12,13 @@ from pkm_core.control.controllers import choose_control, kind_of
 from pkm_core.errors import ConfigError, PkmError
 from pkm_core.machines import load_machine
 from pkm_core.motion.metrics import axis_metrics
-from pkm_core.motion.trajectory import SampledTrajectory
 from pkm_core.servo.controller_cycle import Action, ControllerCycle, ControllerState
-from pkm_interfaces.msg import CycleError, CycleEvent, CycleMetrics, MotorCommand
-from pkm_interfaces.msg import SampledTrajectory as SampledTrajectoryMessage
+from pkm_interfaces.msg import CycleError, CycleEvent, CycleMetrics, EncoderSample, MotorCommand
 from pkm_nodes.messages.conversions import feedforward_from_msg, trajectory_from_msg
 from pkm_nodes.messages.diagnostics import CYCLE, FOREIGN, NOTICE, OTHERS, REFUSED, STATE, diagnostics
 from pkm_nodes.parts.cycle_events import subscribe_events
+from pkm_nodes.parts.cycle_law import LoadedCycle
+from pkm_nodes.parts.cycle_pieces import CyclePieces
 from pkm_nodes.parts.encoder_crowd import EncoderCrowd
 from pkm_nodes.parts.follow_standing import follow_standing
 from pkm_nodes.parts.one_source import subscribe_joint_trajectory
@@ -82,50 +80,6 @@ def choose_gains(node, *kinds):
     return machine, chosen, gains
 
 
-@dataclass(frozen=True, eq=False)
-class LoadedCycle:
-    """A cycle with its trajectory in joints."""
-
-    message: SampledTrajectoryMessage  # joint_trajectory
-    trajectory: SampledTrajectory
-    feedforward: np.ndarray | None  # (N, joints of the machine) [V] that the cycle brings along
-    errors: np.ndarray  # (N, joints of the controller) [m], written on the tick path
-
-
-def _nothing(*_):
-    """Do nothing."""
-
-
-@dataclass(frozen=True)
-class CycleLaw:
-    """
-    The law of a controller, as functions that `CycleController` calls between ticks.
-
-    Attributes
-    ----------
-    load : callable
-        `load(LoadedCycle)`; `PkmError` if the law cannot drive it.
-    reset : callable
-        `reset()`: forget the state of the law. The machine stands, at home or after a safe stop.
-    check : callable
-        `check(message)`; `PkmError` if the law cannot drive the cycle of this joint_trajectory.
-    is_busy : callable
-        `is_busy(message)`: whether the cycle of this joint_trajectory has to wait.
-    learn : callable
-        `learn(LoadedCycle)` after the last tick.
-    notice : callable
-        `notice()`: warning for the diagnostics, '' if there is none.
-
-    """
-
-    load: Callable
-    reset: Callable
-    check: Callable = _nothing
-    is_busy: Callable = field(default=lambda _: False)
-    learn: Callable = _nothing
-    notice: Callable = field(default=lambda: '')
-
-
 class CycleController:
     """
     The cycles of one or more joints; a node owns it and answers the ticks.
@@ -172,13 +126,27 @@ class CycleController:
         self._crowd = EncoderCrowd(node)
         self._announced = None  # number of the cycle of the goal, None before the first one
         self._log_refusal = LogThrottle(node.get_logger(), is_error=True)
+        self._pieces = CyclePieces(machine, events, law, self._log_refusal)
         self._foreign_before = 0  # messages of other publishers before the loaded cycle
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', LAST_VALUE_QOS)
         node.create_timer(1.0, self._publish_diagnostics, clock=wall)
 
+    def extended(self, mode, index):
+        """
+        Take the `mode`, not RUN, of sample `index`: use the next piece of a jog, or drop the cycle at a safe stop.
+
+        Return whether the tick needs an answer.
+        """
+        if mode != EncoderSample.EXTENDED:
+            self.drop()
+            return False
+        self._loaded = self._pieces.put_in_force(index) or self._loaded
+        return True
+
     def drop(self):
         """Drop the loaded cycle; the law starts the next one as after power-up."""
         self.cycle.end()
+        self._pieces.clear()
         self._law.reset()
 
     def finish(self):
@@ -226,6 +194,7 @@ class CycleController:
             return
         self._retry.cancel()
         self._loaded = self.cycle.begin()
+        self._pieces.clear()
         if crowd:
             self._refuse(self.cycle.last, f'cycle {self.cycle.last}: {crowd}')
             return
@@ -248,7 +217,11 @@ class CycleController:
             self.drop()
 
     def _on_trajectory(self, message):
-        """Take the trajectory of the next cycle; report the loaded one again if it is that."""
+        """Take the trajectory of the next cycle, or a piece of it; report the loaded one again if it is that."""
+        if message.offset:
+            if message.cycle == self.cycle.active:
+                self._pieces.take(message, self._loaded)
+            return
         action = self.cycle.on_trajectory(message.cycle)
         if action is Action.REPORT:
             if self.cycle.running or not self._crowd.find():
@@ -286,7 +259,9 @@ class CycleController:
 
     def _report_loaded(self):
         for events in self._events.values():
-            events.publish(CycleEvent.LOADED, self.cycle.active, samples=len(self._loaded.trajectory))
+            loaded = self._loaded
+            samples, hold = len(loaded.trajectory), loaded.message.hold
+            events.publish(CycleEvent.LOADED, self.cycle.active, samples=samples, hold=hold)
 
     def _publish_diagnostics(self):
         notice, state, others = self._law.notice(), self.cycle.state, self._crowd.others()

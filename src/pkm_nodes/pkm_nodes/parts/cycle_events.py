@@ -17,7 +17,7 @@ from pkm_nodes.runtime.session import belongs
 
 _NAMES = (
     *('LOADED', 'STARTED', 'FINISHED', 'REFUSED', 'FAULT', 'RESET', 'RECORDED', 'STOP', 'NOT_RECORDED', 'NOTICE'),
-    'ANNOUNCED',
+    *('ANNOUNCED', 'EXTENDED'),
 )
 _LITTLE_ENDIAN = b'\0\1\0\0'  # header of plain CDR
 _KIND, _TEXTS = 4, 8  # places of the field `event` and of its texts, session and source, in a serialized CycleEvent
@@ -35,9 +35,9 @@ class CycleEvents:
         self._publisher = node.create_publisher(CycleEvent, 'cycle_events', CYCLE_QOS)
         self._source, self._session = source, node.session
 
-    def publish(self, event, cycle, *, tick=0, samples=0, message='', bag=''):
+    def publish(self, event, cycle, *, tick=0, samples=0, hold=0, message='', bag=''):
         """Publish `event` (a constant of CycleEvent) of `cycle`."""
-        named = {'tick': tick, 'samples': samples, 'message': message, 'bag': bag}
+        named = {'tick': tick, 'samples': samples, 'hold': hold, 'message': message, 'bag': bag}
         self._publisher.publish(
             CycleEvent(event=event, session=self._session, source=self._source, cycle=cycle, **named)
         )

@@ -18,6 +18,8 @@ from pkm_nodes.parts.one_source import subscribe_one
 from pkm_nodes.parts.presence import Presence
 from pkm_nodes.runtime.node import CYCLE_QOS, LAST_VALUE_QOS
 
+_FOLLOWED = CycleEvent.STARTED, CycleEvent.EXTENDED
+
 
 class GoalCycles:
     """
@@ -42,12 +44,14 @@ class GoalCycles:
         Number of the last cycle that was begun.
     first_tick : int or None
         Machine tick at which it started, None before.
+    follow : callable or None
+        ``follow(event)`` takes STARTED and EXTENDED of the running cycle.
 
     """
 
     def __init__(self, node, machine, cycle):
         self._node, self._machine, self._cycle = node, machine, cycle
-        self.goal = ''
+        self.goal, self.follow = '', None
         self.first_tick = None
         self._messages = []  # (topic, message) of the last cycle
         self._ended = Future()  # End of the last cycle
@@ -60,6 +64,7 @@ class GoalCycles:
             subscribe_one(node, CycleMetrics, f'{joint}/cycle_metrics', self._on_metrics, CYCLE_QOS)
         self._events = CycleEvents(node, node.get_name())
         used = CycleEvent.STARTED, CycleEvent.FINISHED, CycleEvent.REFUSED, CycleEvent.FAULT, CycleEvent.RESET
+        used = *used, CycleEvent.EXTENDED
         subscribe_events(node, self._on_event, machine.joints, kinds=used)
         subscribe_one(node, UInt32, 'machine/cycle', self._on_machine_cycle, LAST_VALUE_QOS)
         subscribe_machine_status(node, self._on_machine_status)
@@ -83,6 +88,11 @@ class GoalCycles:
             running = self.goal or f'cycle {self._cycle.cycle}'
             raise TrajectoryError(f'{what}: {running} is running; wait for its end or cancel it')
         self.goal = what
+
+    def send(self, topic, message):
+        """Publish a further message of the running cycle."""
+        message.cycle = self._cycle.cycle
+        self._publishers[topic].publish(message)
 
     def publish_notice(self, text):
         """Publish a NOTICE event of the next cycle."""
@@ -131,6 +141,8 @@ class GoalCycles:
             self._perform(self._cycle.reported(monotonic(), *facts))
 
     def _on_event(self, event):
+        if self.follow and event.cycle == self._cycle.cycle and event.event in _FOLLOWED:
+            self.follow(event)
         if event.event == CycleEvent.STARTED:
             if event.cycle == self._cycle.cycle:
                 self.first_tick = event.tick
@@ -156,8 +168,7 @@ class GoalCycles:
                 case Send(cycle):
                     self._events.publish(CycleEvent.ANNOUNCED, cycle, message=self.goal)
                     for topic, message in self._messages:
-                        message.cycle = cycle
-                        self._publishers[topic].publish(message)
+                        self.send(topic, message)
                 case WatchMachine():
                     self._machine_presence = Presence(self._node, 'machine/cycle')
                 case StopCycle(cycle, reason):

@@ -91,7 +91,7 @@ class GoalPlans:
             motion, name = poses_motion(machine, poses, *times, stay=request.stay), 'poses'
         if motion.stay:
             _check_once(request)
-        trajectory = plan(machine, motion, self._check, self._standing.position)
+        trajectory = plan(machine, motion, self.check, self._standing.position)
         joints = to_joints(machine, trajectory)  # refuses what inverse_kinematics would refuse after the start
         self._warn_of_still_moves(name, joints)
         begin = self._begin_learning(request, name, joints)
@@ -112,24 +112,30 @@ class GoalPlans:
     def of_joints(self, joints, name):
         """Return the `PlannedGoal` of a `SampledTrajectory` in joints within the limits of the machine."""
         poses = in_poses(self._geometry.machine, joints)
-        self._check(joints)
+        self.check(joints)
         return PlannedGoal(name, *2 * (self._messages(poses, name),), joints.position[-1])
 
     def _to(self, target, move_time, name):
         """Return the `PlannedGoal` of one move to the joint positions `target` (n,) [m]."""
         machine = self._geometry.machine
-        poses = way_to(machine, self._standing.position, target, move_time, self._check)
+        poses = way_to(machine, self._standing.position, target, move_time, self.check)
         joints = to_joints(machine, poses)
         self._warn_of_still_moves(name, joints)
         return PlannedGoal(name, *2 * (self._messages(poses, name),), target)
 
-    def _check(self, joints):
+    def of_piece(self, piece, name):
+        """Return the `PlannedGoal` of one `Piece` of a jog; its message gets the number of the running cycle."""
+        extends = {'offset': piece.offset, 'hold': piece.hold}
+        return PlannedGoal(name, *2 * (self._messages(piece.poses, name, **extends),), np.array(piece.end))
+
+    def check(self, joints):
+        """Raise `PkmError` for a joint trajectory that a drive cannot follow by its model."""
         drive_check(self._geometry.machine, self._models)(joints)
 
-    def _messages(self, trajectory, name, law='none', stay=True, feedforward=None):
+    def _messages(self, trajectory, name, law='none', stay=True, feedforward=None, **extends):
         geometry = self._geometry.geometry.digest
         named = {'cycle': 0, 'motion': name, 'learning_law': law, 'stay': stay, 'geometry': geometry}
-        return [('pose_trajectory', trajectory_to_msg(trajectory, **named, feedforward=feedforward))]
+        return [('pose_trajectory', trajectory_to_msg(trajectory, **named, **extends, feedforward=feedforward))]
 
     def _warn_of_still_moves(self, name, joints):
         still = still_moves(self._geometry.machine, joints)

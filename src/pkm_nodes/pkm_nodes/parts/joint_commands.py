@@ -1,5 +1,7 @@
 """Commands by topic: trajectory_msgs/JointTrajectory, run as one recorded cycle that stays where it ends."""
 
+from time import monotonic
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -39,7 +41,7 @@ class JointCommands:
 
     def __init__(self, node, cycles, plans, run):
         self._node, self._cycles, self._plans, self._run = node, cycles, plans, run
-        self._refused, self._refusal = 0, ''
+        self._refused, self._refusal, self._told = 0, '', 0.0
         self._log = LogThrottle(node.get_logger(), is_error=True)
         self._topic = node.create_subscription(
             JointTrajectory, TOPIC, self._on_command, CYCLE_QOS, callback_group=SenderGroup(), raw=True
@@ -50,29 +52,38 @@ class JointCommands:
     def _on_command(self, data, sender=b''):
         try:
             message = _read(data)
-            self._cycles.refuse_second(f'{TOPIC} of {self._name_of(sender)}')
+            name = self.name_of(self._topic, sender)
+            self._cycles.refuse_second(f'{TOPIC} of {name}')
             _, planned = plan_command(self._plans, message, self._cycles.standing.position, TOPIC)
         except PkmError as refusal:
-            self._refuse(str(refusal))
+            self.refuse(str(refusal))
             return
-        self._refusal = ''
-        self._cycles.goal = f'{TOPIC} of {self._name_of(sender)}'  # from now on another one is refused
+        self.accept()
+        self._cycles.goal = f'{TOPIC} of {name}'  # from now on another one is refused
         self._node.executor.create_task(self._perform(planned))
 
     async def _perform(self, planned):
         try:
             await self._run(planned)
         except PkmError as error:
-            self._refuse(str(error))
+            self.refuse(str(error))
 
-    def _refuse(self, reason):
-        self._refused, self._refusal = self._refused + 1, reason
-        self._log(f'{self._topic}: refused: {reason}', TOPIC)
-        self._cycles.publish_notice(f'{TOPIC}: {reason}')
+    def accept(self):
+        """Note that a command is accepted: the last refusal is no longer a warning."""
+        self._refusal = ''
 
-    def _name_of(self, sender):
-        """Return the node that sent a message, or all nodes that may have if its GID is unknown."""
-        infos = self._node.get_publishers_info_by_topic(self._topic)
+    def refuse(self, reason, topic=TOPIC):
+        """Report why a command on `topic` was refused; of a stream, the same reason once per second."""
+        self._refused, before, self._refusal = self._refused + 1, self._refusal, reason
+        self._log(f'{self._node.resolve_topic_name(topic)}: refused: {reason}', topic)
+        now = monotonic()
+        if topic == TOPIC or reason != before or now - self._told >= 1.0:
+            self._told = now
+            self._cycles.publish_notice(reason if reason.startswith(topic) else f'{topic}: {reason}')
+
+    def name_of(self, topic, sender):
+        """Return the node that sent a message on `topic`, or all nodes that may have if its GID is unknown."""
+        infos = self._node.get_publishers_info_by_topic(topic)
         names = {bytes(info.endpoint_gid): f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos}
         return names.get(sender) or ', '.join(sorted(set(names.values()))) or 'a node that has left'
 
