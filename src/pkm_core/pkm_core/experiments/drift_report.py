@@ -53,7 +53,7 @@ def drift_report(found, seeds, cycles):
                 errors,
             ),
             Table(
-                f'{what}: error at rest over the travel, root mean square by the truth, calibrated cold, and at that time',
+                f'{what}: error at rest over the travel, root mean square by the truth, calibrated cold, and now',
                 ['min', *(f'{c} {when} [um]' for c in coordinates for when in ('cold', 'now'))],
                 rests,
             ),
