@@ -33,6 +33,7 @@ PLANTS = (
     ('four_dof', 'hard'),
     ('four_dof', 'ideal'),
     ('four_dof', 'geometric'),
+    ('four_dof', 'warm'),
     ('planar', 'nominal'),
     ('xy_stage', 'nominal'),
 )

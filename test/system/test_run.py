@@ -80,7 +80,8 @@ def test_graph_gives_the_bits_of_the_simulation_without_ros(runs, simulated, arr
         # without pauses for learning the recorder has to keep apart cycles that follow each other at once
         ('four_dof', {'controller': 'computed_torque'}, 'processes', 4),
         ('xy_stage', {'law': 'none'}, 'composed', 30),
-        ('four_dof', {'law': 'inverse', 'learning-target': 'tool'}, 'processes', 3),
+        # the laser, temperatures and what they change take part
+        ('four_dof', {'law': 'inverse', 'learning-target': 'tool', 'environment': 'warm'}, 'processes', 3),
     ],
 )
 def test_every_law_and_control_gives_the_bits_of_the_simulation(
@@ -111,7 +112,8 @@ def assert_bits_of_simulation(folder):
     records, tool = cycles_of(folder), None
     if results['learning_target'] == 'tool':
         tool = ToolLearning(make_tool_law(machine, gains, law, poses, trajectory))
-    expected = run_cycles(machine, trajectory, gains, law, len(records), results['seed'], start=start, tool=tool)
+    seed, environment = results['seed'], results['environment']
+    expected = run_cycles(machine, trajectory, gains, law, len(records), seed, environment, start=start, tool=tool)
     for number, record in enumerate(records):
         for kind in ('counts', 'voltage', 'error', 'feedforward'):
             assert np.array_equal(getattr(record, kind), getattr(expected, kind)[number]), (kind, number)

@@ -256,7 +256,7 @@ def test_bad_seed_is_refused(seed):
 
 
 def test_unknown_environment_lists_the_known_ones():
-    known = "'foggy' is unknown; known: ['elastic', 'exact', 'geometric', 'hard', 'ideal', 'nominal']"
+    known = "'foggy' is unknown; known: ['elastic', 'exact', 'geometric', 'hard', 'ideal', 'nominal', 'warm']"
     with pytest.raises(ConfigError, match=re.escape(known)):
         Plant(load_machine('four_dof'), 1, 'foggy')
 

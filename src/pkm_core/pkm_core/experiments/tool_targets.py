@@ -73,14 +73,14 @@ def tool_run(name, environment, number, cycles, target):
     scale = np.array([ARM if coordinate in ANGLES else 1.0 for coordinate in machine.coordinates])
     way = poses.position - poses.position[0]
     ticks = np.arange(len(poses))
-    moving = _moving(poses, ticks)
+    moving = in_move(poses, ticks)
     truth = np.array([scale * (way - seen + seen[: poses.move_starts[0]].mean(axis=0)) for seen in ran.truth])
     measured = []
     for cycle, (time, seen) in enumerate(ran.laser):
         at = time / machine.sample_time - cycle * len(poses)
         reference = np.stack([np.interp(at, ticks, column) for column in way.T], axis=1)
         off = scale * (reference - seen + seen[at < poses.move_starts[0]].mean(axis=0))
-        measured.append(np.abs(off[_moving(poses, at)]).max(axis=0))
+        measured.append(np.abs(off[in_move(poses, at)]).max(axis=0))
     counted = truth[LEARNING:, moving]
     return ToolRun(
         machine.coordinates,
@@ -95,21 +95,21 @@ def tool_run(name, environment, number, cycles, target):
 def calibrated(name, environment, number):
     """Return the calibrated `Machine` of specimen `number` and the misfit of its calibration."""
     machine, laser, tolerances = load_machine(name), load_laser(), load_tolerances()
-    seen = measure_poses(machine, _poses(name, environment), laser, number, environment)
+    seen = measure_poses(machine, calibration_poses(name, environment), laser, number, environment)
     found = calibrate(machine, seen, tolerances, seen.deviation)
     return found.machine, found.misfit
 
 
 @cache
-def _poses(name, environment):
-    """Return the poses (POSES, m) of the calibration."""
+def calibration_poses(name, environment):
+    """Return the poses (POSES, m) of the calibration, one plan for all specimens."""
     machine = load_machine(name)
     if environment == 'elastic':  # near the corners of the travel, where the plan begins, its loops oscillate at 230 Hz
         return spread_poses(machine, POSES, seed=1)
     return plan_poses(machine, POSES, 1, load_tolerances(), load_laser())
 
 
-def _moving(poses, tick):
+def in_move(poses, tick):
     """Return which of `tick` are in a move, its first and last sample included."""
     moves = zip(poses.move_starts, poses.move_ends, strict=True)
     return np.any([(start <= tick) & (tick <= end) for start, end in moves], axis=0)

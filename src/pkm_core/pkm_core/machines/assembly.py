@@ -35,6 +35,8 @@ class Assembly:
         [kg].
     laser_axes : ndarray, shape (m, m), optional
         From a displacement of the end point to the laser's reading of it; None: the laser has the machine's axes.
+    scale : ndarray, shape (n,), optional
+        Relative excess of the motion of a slider over that of its reading; None: scales without error.
 
     """
 
@@ -44,6 +46,7 @@ class Assembly:
     encoder_offset: np.ndarray
     payload: float
     laser_axes: np.ndarray | None = None
+    scale: np.ndarray | None = None
 
     def end_point(self, q, belts):
         """
@@ -55,6 +58,7 @@ class Assembly:
         if self.mechanism == 'xy_stage':
             return np.array(q)
         at, lengths = self.offsets, self.lengths
+        q = q if self.scale is None else q * (1.0 + self.scale)
         psi_p, psi_q = (belts[..., 0], belts[..., 1]) if belts.shape[-1] else (0.0, 0.0)
         x1, y1 = _pivot(q[..., 0], q[..., 1], lengths['l2'], lengths['l4'])
         x1, y1 = x1 - at.dy * np.sin(psi_p), y1 + at.dy * np.cos(psi_p)

@@ -31,6 +31,8 @@ AXIS_STATE = _fields(
     short_force='see drive.emf_step [N]',
     loop_force='see drive.emf_step [N]',
     heat='filtered square of the rms current [A^2]',
+    square='squares of the amplitude, summed over ticks [A^2]',
+    rubbing='power of friction, summed over ticks [W]',
     thrust='mean of the last substep [N]',
     friction='mean of the last substep, against the motion [N]',
 )

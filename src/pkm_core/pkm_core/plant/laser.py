@@ -101,7 +101,7 @@ class Laser:
         share = (rest / nanoseconds(duration))[:, np.newaxis]
         pose, rate = self._end_points()
         seen = _between(pose[row], rate[row], pose[row + 1], rate[row + 1], duration, share)
-        displacement, axes = seen - self._datum, self._seen[0].assembly.laser_axes
+        displacement, axes = seen - self._datum, self._seen[-1].assembly.laser_axes
         if axes is not None:
             displacement = displacement @ axes.T
         displacement = displacement + self._scale * self._noise.at(numbers - self._skipped)
@@ -114,7 +114,8 @@ class Laser:
         parts = ('q', 'qd', 'belts', 'belt_rates')
         q, qd, belts, rates = (np.array([getattr(truth, part) for truth in self._seen]) for part in parts)
         moved = _MOVED[:, np.newaxis, np.newaxis]  # one call for all three: its cost hardly depends on the rows
-        pose, ahead, behind = self._seen[0].assembly.end_point(q + moved * qd, belts + moved * rates)
+        assembly = self._seen[-1].assembly  # a new one at the start of a cycle is that of all ticks but the first
+        pose, ahead, behind = assembly.end_point(q + moved * qd, belts + moved * rates)
         rate = (ahead - behind) / (_MOVED[1] - _MOVED[2])
         if self._platform:
             off, off_rate = self._platform.follow(rate)

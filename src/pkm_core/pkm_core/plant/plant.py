@@ -23,6 +23,7 @@ from pkm_core.machines.assembly import Assembly
 from pkm_core.plant.arrays import QD, REFUSED, Q
 from pkm_core.plant.build import build
 from pkm_core.plant.drive import phase_currents
+from pkm_core.plant.heat import Heat
 from pkm_core.plant.noise import CycleNoise
 from pkm_core.plant.specimen import assemble
 from pkm_core.plant.tick import advance
@@ -91,17 +92,19 @@ class Plant:
     seed : int
         The same seed gives the same bits of the specimen and of every disturbance.
     environment : str
-        A section of that file: 'ideal', 'nominal', 'hard', 'exact', 'geometric', and for four_dof 'elastic'; see
-        truth.py.
+        A section of that file: 'ideal', 'nominal', 'hard', 'exact', 'geometric', 'warm', and for four_dof 'elastic';
+        see truth.py.
+    rise : array_like, optional
+        Temperatures at power-up [K] in an environment with heat, see `Heat`; by default those of the room.
 
     Raises
     ------
     PkmError
-        If the seed is refused, or `machine` has the calibrated lengths of another specimen.
+        If the seed or `rise` is refused, or `machine` has the calibrated lengths of another specimen.
 
     """
 
-    def __init__(self, machine, seed, environment='nominal'):
+    def __init__(self, machine, seed, environment='nominal', rise=None):
         if not isinstance(seed, numbers.Integral) or isinstance(seed, bool) or seed < 0:
             raise PkmError(f'plant: seed {seed!r} given; allowed: whole numbers from 0')
         machine.check_specimen(seed, environment)
@@ -110,6 +113,9 @@ class Plant:
         self._drive = truth.drive
         self._assembly = assemble(machine, truth, levels, seed)
         self._built = build(machine, truth, levels, self._assembly)
+        self._heat = levels.heat and Heat(machine, truth.drive, levels.heat, self._assembly, rise)
+        if rise is not None and not self._heat:
+            raise PkmError(f'plant: rise given; the environment {environment!r} of {machine.name} has no section heat')
         self._substeps = round(machine.sample_time / truth.substep)
         directions = [axis.direction for axis in truth.axes.values()]
         self._noise = CycleNoise(seed, levels, directions, truth.vibration_band, machine.sample_time)
@@ -124,16 +130,35 @@ class Plant:
         self._arguments = tuple(getattr(self._arrays, field.name) for field in fields(self._arrays))
         self._ticks = 0
         self._fault = None
+        if self._heat:
+            self._heat.reset()
         self.start_cycle(0)
 
     def start_cycle(self, cycle):
-        """Draw the disturbances of `cycle` (from 0); its noise starts at index 0, the motion continues."""
+        """Draw the disturbances of `cycle` (from 0), and take up the heat since the last one; the motion continues."""
         if not isinstance(cycle, numbers.Integral) or isinstance(cycle, bool) or cycle < 0:
             raise PkmError(f'plant: cycle {cycle!r} given; allowed: whole numbers from 0')
         self._noise.start(int(cycle))
         for name, factor in (('newton_per_ampere', self._noise.gain), ('coulomb', self._noise.friction)):
             self._arrays.parameters[name] = self._built.parameters[name] * factor
+        if self._heat:
+            self._heat.take_losses(self._arrays.axes, self._ticks)
+            self._heat.apply(self._arrays, self._built)
+            self._assembly = self._heat.assembly()
         self._index = 0
+
+    def pass_time(self, seconds, *, repeating=False):
+        """
+        Let `seconds` pass between two cycles; they are not part of the simulated time. Only temperatures change.
+
+        The machine is at rest without losses, or `repeating` the last cycle with its mean losses. `PkmError` if
+        `seconds` is negative or not finite.
+        """
+        if not (np.isfinite(seconds) and seconds >= 0.0):
+            raise PkmError(f'plant: {seconds!r} s given; allowed: finite values from 0')
+        if self._heat:
+            self._heat.take_losses(self._arrays.axes, self._ticks)
+            self._heat.pass_time(seconds, *(self._heat.losses if repeating else self._heat.no_losses))
 
     def tick(self, volts):
         """
@@ -197,6 +222,11 @@ class Plant:
     def fault(self):
         """The first fault since `reset` as text, or None; the simulation continues after a fault."""
         return self._fault
+
+    @property
+    def temperatures(self):
+        """{node: temperature over ambient [K]}, to judge; empty without a section `heat`."""
+        return dict(zip(self._heat.nodes, self._heat.rise.tolist(), strict=True)) if self._heat else {}
 
     @property
     def truth(self):

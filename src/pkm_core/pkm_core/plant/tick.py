@@ -245,5 +245,7 @@ def advance(
     for i in range(n):
         axis = axes[i]
         axis.heat += common.heat_share * (0.5 * axis.current * axis.current - axis.heat)
+        axis.square += axis.current * axis.current
+        axis.rubbing += (axis.friction + parameters[i].viscous * motion[QD, i]) * motion[QD, i]
         counts[i] = _read(axis, parameters[i], common, motion[Q, i], motion[QD, i], modes[i], noise[ENCODER, row, i])
     return event

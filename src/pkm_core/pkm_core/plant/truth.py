@@ -11,6 +11,7 @@ level of each imperfection:
 - `exact`: `nominal` with links and marks as drawn
 - `elastic` (4-DOF manipulator only): `nominal` with elastic belts and modes that depend on position
 - `geometric`: `nominal` with errors of guides, scales and laser axes
+- `warm` (machines with links only): `nominal` with temperatures of motors, links and scales
 """
 
 from typing import Annotated, Literal
@@ -32,6 +33,7 @@ from pkm_core.config import (
     quantity,
 )
 from pkm_core.errors import ConfigError
+from pkm_core.plant.heat_levels import HeatLevels
 
 Share = Annotated[Number, Field(ge=0.0, lt=1.0)]  # a relative level, e.g. '3 %'
 
@@ -164,6 +166,7 @@ class Environment(Config):
     payload_spread: Annotated[Share, Field(description='of the payload')]
     laser_noise: Annotated[Length, Field(ge=0.0, description='of one reading')]
     geometry: GeometryLevels | None = None
+    heat: HeatLevels | None = None
 
 
 class Truth(Config):

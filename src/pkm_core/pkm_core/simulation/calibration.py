@@ -10,7 +10,7 @@ from pkm_core.motion.trajectory import to_joints
 from pkm_core.simulation.cycles import run_cycles
 
 
-def measure_poses(machine, poses, laser, seed, environment='nominal', gains=None):
+def measure_poses(machine, poses, laser, seed, environment='nominal', gains=None, rise=None):
     """
     Return the averaged `Measurements` at `poses` (N, m) [m, rad] of the simulated machine of `seed`, `environment`.
 
@@ -28,6 +28,8 @@ def measure_poses(machine, poses, laser, seed, environment='nominal', gains=None
         Of the plant.
     gains : dict, optional
         Of the controllers; by default those of the machine's configuration.
+    rise : array_like, optional
+        Temperatures of the plant, see `Plant`.
 
     Raises
     ------
@@ -40,7 +42,7 @@ def measure_poses(machine, poses, laser, seed, environment='nominal', gains=None
     parts = []
     for cycle in calibration_motion(machine, poses):
         joints = to_joints(machine, cycle.trajectory)
-        records = run_cycles(machine, joints, gains, None, 1, seed, environment, laser=True)
+        records = run_cycles(machine, joints, gains, None, 1, seed, environment, laser=True, rise=rise)
         q = records.counts[0] * machine.encoder_resolution
         time = machine.sample_time * np.arange(len(q))
         windows = machine.sample_time * cycle.windows

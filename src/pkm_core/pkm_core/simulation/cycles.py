@@ -37,6 +37,7 @@ class CycleRecords:
     notices: tuple[str, ...]  # of saturated drives and of the learning monitors, in order
     laser: tuple[LaserSamples, ...]  # [cycle] of the end point; empty without a laser
     truth: tuple[np.ndarray, ...]  # [cycle] (N, m) true displacement of the end point [m, rad]; as `laser`; to judge
+    temperatures: tuple[dict, ...]  # [cycle] of the plant, over ambient, by node [K]; {} without heat; to judge
 
     def metric(self, name):
         """Return the field `name` of `AxisMetrics` as an array (cycles, n)."""
@@ -55,6 +56,8 @@ def run_cycles(
     laser=False,
     controller=None,
     tool=None,
+    rise=None,
+    pauses=None,
 ):
     """
     Run `cycles` cycles of a joint trajectory from power-up at the home position.
@@ -81,6 +84,11 @@ def run_cycles(
         With the interface of pkm_core.control.controllers; replaces the controller that `gains` describes.
     tool : ToolLearning, optional
         Learns at the tool from the laser, for the same trajectory; new for every run. It needs the laser.
+    rise : array_like, optional
+        Temperatures of the plant at power-up, see `Plant`.
+    pauses : array_like, shape (cycles - 1,), optional
+        Time [s] between each cycle and the next one, during which the machine repeats the first of them. Only its
+        temperatures change, with the mean losses of that cycle; nothing is learned.
 
     Returns
     -------
@@ -94,19 +102,22 @@ def run_cycles(
     """
     if cycles > 1 and np.abs(trajectory.position[-1] - trajectory.position[0]).max() > AT_HOME:
         raise PkmError(f'cycles: {cycles} of a motion that ends elsewhere than where it begins; allowed: 1')
-    plant = Plant(machine, seed, environment)
+    plant = Plant(machine, seed, environment, rise)
     controller = make_controller(machine, gains) if controller is None else controller
     records = _empty_records(machine, cycles, trajectory, start)
     learning = None if law is None else _Learning(machine, law.with_reference(trajectory), given=start is not None)
     watch = Laser(machine, seed, environment) if laser or tool else None
     if watch:
         watch.zero(0, plant.truth)
-    metrics, notices, seen, truths = [], [], [], []
+    metrics, notices, seen, truths, temperatures = [], [], [], [], []
     for cycle in range(cycles):
         error, feedforward = records.error[cycle], records.feedforward[cycle]
         controller.load(tool.reference if tool else trajectory, feedforward)
         records.correction[cycle] = tool.correction if tool else 0.0
+        if pauses is not None and cycle:
+            plant.pass_time(pauses[cycle - 1], repeating=True)
         plant.start_cycle(cycle + 1)  # the cell counts cycles from 1
+        temperatures.append(plant.temperatures)
         rows = records.counts[cycle], records.voltage[cycle], error
         if watch is None and isinstance(controller, JointControllers):
             done = run_cycle(plant, controller, *rows)
@@ -126,7 +137,14 @@ def run_cycles(
             notices += [f'cycle {cycle + 1}: {message}' for message in messages]
         if tool and (message := tool.after_cycle(error, cycle * len(trajectory), *seen[-1])):
             notices.append(f'cycle {cycle + 1}: {message}')
-    return replace(records, metrics=tuple(metrics), notices=tuple(notices), laser=tuple(seen), truth=tuple(truths))
+    return replace(
+        records,
+        metrics=tuple(metrics),
+        notices=tuple(notices),
+        laser=tuple(seen),
+        truth=tuple(truths),
+        temperatures=tuple(temperatures),
+    )
 
 
 def _empty_records(machine, cycles, trajectory, start):
@@ -136,7 +154,7 @@ def _empty_records(machine, cycles, trajectory, start):
     if start is not None:
         feedforward[:] = start
     counts = np.zeros(shape, dtype=np.int64)
-    return CycleRecords(machine.joints, error, counts, voltage, feedforward, correction, (), (), (), ())
+    return CycleRecords(machine.joints, error, counts, voltage, feedforward, correction, (), (), (), (), ())
 
 
 def _saturated(machine, voltage):

@@ -33,9 +33,13 @@ def true_errors(machine, seed, environment='nominal'):
     return links | offsets | marks | assembly.geometry_errors(machine.joints)
 
 
-def true_poses(machine, q, seed, environment='nominal'):
-    """Return the poses (N, m) [m, rad] of the specimen whose encoders, without error, read `q` (N, n) [m]."""
-    truth = Plant(machine.drawing, seed, environment).truth
+def true_poses(machine, q, seed, environment='nominal', rise=None):
+    """
+    Return the poses (N, m) [m, rad] of the specimen whose encoders, without error, read `q` (N, n) [m].
+
+    `rise` are the temperatures of the plant, see `Plant`.
+    """
+    truth = Plant(machine.drawing, seed, environment, rise).truth
     return truth.assembly.end_point(q - truth.assembly.encoder_offset, np.tile(truth.belts, (len(q), 1)))
 
 
