@@ -140,3 +140,15 @@ def test_infeasible_trajectory_is_refused(graph, poses, joints, pose_message, sp
 def test_invalid_parameter_is_refused_by_name(graph, parameters, text):
     with pytest.raises(ConfigError, match=text):
         graph.start(InverseKinematicsNode, **parameters)
+
+
+def test_refusal_with_several_publishers_names_them(graph, poses, pose_message):
+    """Before the graph is known a foreign trajectory is read too; its refusal says who may have sent it."""
+    events = graph.listen(CycleEvent, 'cycle_events')
+    graph.publisher(SampledTrajectory, 'pose_trajectory')
+    pose_message.coordinates = []
+    graph.spin_until(lambda: graph.node.count_publishers('pose_trajectory') == 2, 'both publishers')
+    poses.publish(pose_message)
+    graph.spin_until(lambda: events, 'a refusal')
+    assert '; /pkm/pose_trajectory has 2 publishers, /pkm/' in events[-1].message
+    assert events[-1].message.endswith('; allowed: 1')

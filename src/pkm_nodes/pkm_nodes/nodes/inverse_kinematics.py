@@ -36,7 +36,7 @@ class InverseKinematicsNode(PkmNode):
         self._events = CycleEvents(self, 'inverse_kinematics')
         self._correction = ReferenceCorrection(self, self._geometry, self._events) if at_tool else None
         self._publisher = self.create_publisher(SampledTrajectoryMessage, 'joint_trajectory', CYCLE_QOS)
-        subscribe_one(self, SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
+        self._source = subscribe_one(self, SampledTrajectoryMessage, 'pose_trajectory', self._on_poses, CYCLE_QOS)
 
     def _on_poses(self, message):
         if is_identification(message):  # planned in joints: its sender publishes the joint_trajectory
@@ -48,10 +48,11 @@ class InverseKinematicsNode(PkmNode):
             joints = to_joints(machine, poses)
             feedforward = feedforward_from_msg(message, joints.position.shape)
         except PkmError as error:
-            self.get_logger().error(f'pose_trajectory refused: {error}')
+            reason = f'{error}{self._source.remark()}'
+            self.get_logger().error(f'pose_trajectory refused: {reason}')
             # a refused piece of a jog ends it at rest
             event = CycleEvent.NOTICE if message.offset else CycleEvent.REFUSED
-            self._events.publish(event, message.cycle, message=str(error))
+            self._events.publish(event, message.cycle, message=reason)
             return
 
         def send(trajectory, planned=''):

@@ -118,7 +118,7 @@ class CycleController:
         used = CycleEvent.ANNOUNCED, CycleEvent.STOP, CycleEvent.RESET
         # first: a reset must be served before the trajectory that follows it
         subscribe_events(node, self._on_event, kinds=used)
-        subscribe_joint_trajectory(node, self._on_trajectory)
+        self._source = subscribe_joint_trajectory(node, self._on_trajectory)
         self._standing = follow_standing(node, machine)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._retry = node.create_timer(_RETRY, self.load_if_possible, clock=wall)
@@ -239,7 +239,7 @@ class CycleController:
             feedforward = feedforward_from_msg(message, trajectory.position.shape)
             self._law.check(message)
         except PkmError as error:
-            self._refuse(message.cycle, error)
+            self._refuse(message.cycle, f'{error}{self._source.remark()}')
             return
         errors = np.zeros((len(trajectory), len(self._events)))
         self.cycle.wait_for(message.cycle, LoadedCycle(message, trajectory, feedforward, errors), monotonic())

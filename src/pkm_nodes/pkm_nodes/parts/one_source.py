@@ -18,7 +18,7 @@ _LOOK_EVERY, _LOOK_REGULARLY = 0.05, 0.5
 
 def subscribe_one(node, message_type, topic, callback, qos, *, besides=None):
     """
-    Call `callback(message)` with the messages that the `OnePublisher` of `topic` accepts; others are dropped.
+    Call `callback(message)` with the messages that the `OnePublisher` of `topic` accepts; others are dropped. Return it.
 
     rclpy's public API does not know the sender of a message: there every sender counts.
     """
@@ -49,11 +49,16 @@ def subscribe_one(node, message_type, topic, callback, qos, *, besides=None):
 
     publisher = OnePublisher(node, topic, besides=besides)
     node.create_timer(_LOOK_REGULARLY, look_early, clock=Clock(clock_type=ClockType.STEADY_TIME))
-    return node.create_subscription(message_type, topic, on_message, qos, callback_group=SenderGroup(), raw=True)
+    node.create_subscription(message_type, topic, on_message, qos, callback_group=SenderGroup(), raw=True)
+    return publisher
 
 
 def subscribe_joint_trajectory(node, callback):
-    """Call `callback` with joint_trajectory of one publisher besides the node that publishes pose_trajectory."""
+    """
+    Call `callback` with joint_trajectory of one publisher besides the node that publishes pose_trajectory.
+
+    Return the `OnePublisher`.
+    """
     kind, besides = SampledTrajectory, 'pose_trajectory'
     return subscribe_one(node, kind, 'joint_trajectory', callback, CYCLE_QOS, besides=besides)
 

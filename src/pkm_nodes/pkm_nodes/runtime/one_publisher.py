@@ -69,6 +69,10 @@ class OnePublisher:
         """Return the participants of the one publisher, of all while none is known, and of those beside."""
         return {participant(gid) for gid in ((self.gid, *self._aside) if self.gid else self._gids)}
 
+    def remark(self):
+        """Return the end of a refusal of a message: its possible senders after a look at the graph, '' if one."""
+        return '' if self.look() else f'; {self.describe()}; allowed: 1'
+
     def describe(self):
         """Return what the last `look` found, for a refusal."""
         return f'{self.topic} has {len(self.nodes)} publishers, {", ".join(self.nodes)}'
