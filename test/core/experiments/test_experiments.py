@@ -16,7 +16,7 @@ from pkm_core.config import find_config
 from pkm_core.control.robust import load_control
 from pkm_core.errors import PkmError
 from pkm_core.experiments import graph_driver
-from pkm_core.experiments.condition import ENVIRONMENTS, conditions, prepared
+from pkm_core.experiments.condition import conditions, environments, prepared
 from pkm_core.experiments.design_tables import size_table
 from pkm_core.experiments.outcome import QUANTITIES, Outcome, spread, worst_axis
 from pkm_core.experiments.report import markdown, study_report
@@ -154,8 +154,12 @@ def test_tables_have_the_spread_and_the_thesis_value():
     stages = {row['axis'] for row in figures['end_point_by_laser'] if row['control'] == 'XY stage'}
     assert stages == {'x', 'y'}  # the single stages of z and phi are not simulated
     settling = next(row for row in tables[0].rows if row[0] == 'settling to 5 um [ms]')
-    assert settling[1:] == ['d1', 'computed torque', '30.0', '50 % never', '50 % never']
-    assert tables[1].headings[-3:] == list(ENVIRONMENTS)
+    assert settling[1:] == ['d1', 'computed torque', '30.0', '50 % never', '50 % never', '50 % never']
+    assert tables[0].headings[-3:] == ['nominal', 'hard', 'elastic']
+    assert tables[1].headings[-4:] == list(environments('four_dof'))
+    stage = [row for row in tables[1].rows if row[2] == 'XY stage']
+    assert stage
+    assert all(row[-1] == '' and row[-2] for row in stage)  # the stage has no environment elastic
     assert figures['worst_axis_um_by_cycle']['robust']['hard'].shape == (2, 5)
     json.dumps(figures['joints'])
 
