@@ -90,6 +90,7 @@ def conditions(experiment):
     return (
         Condition(stage[0], 'xy_stage', stage[1]),
         Condition('computed torque', experiment, 'computed torque', 'computed_torque'),
+        Condition('thesis torque', experiment, 'computed torque', f'{experiment}_torque_thesis'),
         Condition('robust', experiment, 'robust'),
         Condition('coupled', experiment, 'robust', coupled=True),
         Condition('thesis law', experiment, 'robust learning', f'{experiment}_thesis', 'fourier', settled=6),
