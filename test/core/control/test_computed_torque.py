@@ -257,7 +257,7 @@ def test_thesis_structure_differs_in_the_model_alone(name):
     assert {joint: axis.model_copy(update={'model': 'identified'}) for joint, axis in thesis.items()} == own
 
 
-def test_thesis_structure_is_the_design_without_friction_and_delay():
+def test_thesis_structure_has_the_forces_of_the_design_alone():
     """(8.1)-(8.3) with F = M u + C + G of the design."""
     gains, trajectory = choose_control(FOUR_DOF, 'four_dof_torque_thesis'), reference()
     measured = trajectory.position + 5e-6 * np.random.default_rng(1).standard_normal(trajectory.position.shape)
