@@ -31,7 +31,7 @@ def test_report_counts_refusals_and_divergence():
 
 
 def test_every_case_of_every_machine_has_its_runs():
-    assert len(structure_tasks(1)) == 2 * 2 * (1 + 1 + 2)
+    assert len(structure_tasks(1)) == (3 + 2) * (1 + 1 + 2)
 
 
 def test_wide_machine_has_other_modes_viscosity_and_friction():

@@ -12,9 +12,11 @@ Anti-windup: the integrator is frozen while u is saturated and e would drive it 
 
 The thesis leaves out B, which costs an error of B rd/(M KP), and the delay dl of the loop. Here rd and rdd are taken
 dl later, rd + dl rdd and rdd + dl rddd. The jerk term of the robust law does the same, which makes the two comparable.
+The M of the thesis has the masses of the design, below the identified ones. `model: design` in the gains of an axis
+gives the structure of the thesis, without these three.
 """
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numba import njit
@@ -34,6 +36,10 @@ class TorqueGains(Config):
     natural_frequency: Annotated[Frequency, Field(gt=0, description='wn/(2 pi)')]
     damping: Annotated[Number, Field(gt=0, description='zeta')]
     integral: Annotated[Number, Field(ge=0, lt=1, description='KI/(KD KP)')]
+    model: Annotated[
+        Literal['identified', 'design'],
+        Field(description='design, as in the thesis: without identified mass, viscous friction and delay of the loop'),
+    ] = 'identified'
 
     def error_gains(self):
         """Return KP [1/s^2], KI [1/s^3], KD [1/s]."""
@@ -42,7 +48,11 @@ class TorqueGains(Config):
         return kp, self.integral * kp * kd, kd
 
     def pid(self, model):
-        """Return the equivalent `Pid` [V, m] of a single axis with its `AxisModel`, all coupling cancelled."""
+        """
+        Return the equivalent `Pid` [V, m] of a single axis with its `AxisModel`, all coupling cancelled.
+
+        With `model` 'design' the loop gain is lower, by the share of the design in the identified mass.
+        """
         kp, ki, kd = self.error_gains()
         return Pid(kp / model.gain, ki / model.gain, kd / model.gain)
 
@@ -103,8 +113,10 @@ class ComputedTorque:
         mass = machine.thrust_per_volt / np.array([model.gain for model in models.values()])
         viscous = mass * [model.viscosity for model in models.values()]
         added = mass - np.diag(machine.mass_matrix(machine.home))
-        self._gains = np.array([kp, ki * machine.sample_time, kd / machine.sample_time, added, viscous])
-        self._delay = np.array([1.5 * machine.sample_time + model.low_frequency_delay() for model in models.values()])
+        known = np.array([axis.model == 'identified' for axis in gains.values()], dtype=float)
+        self._gains = np.array([kp, ki * machine.sample_time, kd / machine.sample_time, known * added, known * viscous])
+        delay = [1.5 * machine.sample_time + model.low_frequency_delay() for model in models.values()]
+        self._delay = known * np.array(delay)
         self._design = machine.dynamic_parameters()
         n = len(machine.joints)
         self._M, self._C, self._G = np.zeros((n, n)), np.zeros(n), np.zeros(n)

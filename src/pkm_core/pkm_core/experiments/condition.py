@@ -37,6 +37,11 @@ class Condition:
     move_time: float | None = None  # [s] instead of that of the machine's default motion
 
 
+def environments(experiment):
+    """Return the environments of the experiment 'planar' or 'four_dof'; `elastic` is one of the 4-DOF machine alone."""
+    return (*ENVIRONMENTS, 'elastic') if experiment == 'four_dof' else ENVIRONMENTS
+
+
 def motion_of(machine, move_time=None):
     """Return name and `Motion`: the default motion of a `Machine`, with another move time [s] if given."""
     name = default_motion(machine)
@@ -85,6 +90,7 @@ def conditions(experiment):
     return (
         Condition(stage[0], 'xy_stage', stage[1]),
         Condition('computed torque', experiment, 'computed torque', 'computed_torque'),
+        Condition('thesis torque', experiment, 'computed torque', f'{experiment}_torque_thesis'),
         Condition('robust', experiment, 'robust'),
         Condition('coupled', experiment, 'robust', coupled=True),
         Condition('thesis law', experiment, 'robust learning', f'{experiment}_thesis', 'fourier', settled=6),

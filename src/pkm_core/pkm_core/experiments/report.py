@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 
-from pkm_core.experiments.condition import ENVIRONMENTS
+from pkm_core.experiments.condition import environments
 from pkm_core.experiments.design_tables import effort_table, size_table
 from pkm_core.experiments.outcome import worst_axis
 from pkm_core.experiments.tables import end_point_rows, joint_rows, spread_table
@@ -17,13 +17,11 @@ def study_report(study):
     machine = study.experiment
     spread = f'mean (95 %) of {study.seeds} noise seeds x {study.cycles} cycles'
     joints, end_point = joint_rows(study), end_point_rows(study)
-    tables = [
-        spread_table(f'{JOINT_SPACE[machine].title}, joints by the encoders; {spread}', joints, ('nominal', 'hard'))
-    ]
+    every = environments(machine)
+    driven = [name for name in every if name != 'exact']  # links do not act on the joints
+    tables = [spread_table(f'{JOINT_SPACE[machine].title}, joints by the encoders; {spread}', joints, driven)]
     if end_point:
-        tables.append(
-            spread_table(f'{END_POINT[machine].title}, end point by the laser; {spread}', end_point, ENVIRONMENTS)
-        )
+        tables.append(spread_table(f'{END_POINT[machine].title}, end point by the laser; {spread}', end_point, every))
     if machine == 'planar':
         tables += [effort_table(study), size_table()]
     figures = {

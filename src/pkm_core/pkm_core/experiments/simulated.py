@@ -11,7 +11,12 @@ from pkm_core.simulation.cycles import run_cycles
 
 def simulate(condition, seed, cycles, *, laser=True):
     """Return the `CycleRecord`s of `cycles` cycles of a `Condition` from power-up, and the notices of its monitors."""
-    machine, motion, poses, joints, gains, law, start = prepared(condition)
+    return simulate_prepared(prepared(condition), condition, seed, cycles, laser=laser)
+
+
+def simulate_prepared(given, condition, seed, cycles, *, laser=True):
+    """Return the result of `simulate` with the objects `given`, a `Prepared`, instead of those of the condition."""
+    machine, motion, poses, joints, gains, law, start = given
     ran = run_cycles(machine, joints, gains, law, cycles, seed, condition.environment, start, laser)
     samples, unseen = len(joints), (np.zeros(0), np.zeros((0, len(machine.coordinates))))
     records = [

@@ -32,7 +32,7 @@ from pkm_core.simulation.cycles import run_cycles
 
 LAWS = {'PID': 'robust', 'observer': 'observer'}
 MACHINES = {'four_dof': '4-DOF', 'planar': 'planar'}
-ENVIRONMENTS = ('nominal', 'hard')
+ENVIRONMENTS = {'four_dof': ('nominal', 'hard', 'elastic'), 'planar': ('nominal', 'hard')}
 CASES = ('shipped', 'identified', 'wide')
 CYCLES = 40
 WIDE_PER_SEED = 2
@@ -53,7 +53,7 @@ def structure_tasks(seeds):
     """Return {key: tuple of a function and its arguments} of all runs, for `farm`."""
     tasks = {}
     for machine in MACHINES:
-        for environment in ENVIRONMENTS:
+        for environment in ENVIRONMENTS[machine]:
             for case in CASES:
                 for number in range(seeds * (WIDE_PER_SEED if case == 'wide' else 1)):
                     tasks[machine, environment, case, number] = (compare, machine, environment, case, number)
@@ -103,7 +103,7 @@ def structures_report(results, seeds):
     """Return ([`Table`], figures) for {key: `Run`} of `structure_tasks`."""
     rows, data = [], []
     for machine, name in MACHINES.items():
-        for environment in ENVIRONMENTS:
+        for environment in ENVIRONMENTS[machine]:
             for case in CASES:
                 runs = [run for key, run in results.items() if key[:3] == (machine, environment, case)]
                 for law in LAWS:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from pkm_core.experiments.condition import ENVIRONMENTS, conditions
+from pkm_core.experiments.condition import ENVIRONMENTS, conditions, environments
 from pkm_core.experiments.outcome import Outcome
 
 
@@ -30,8 +30,9 @@ def run_study(experiment, arrangement, drive, seeds, cycles):
     """
     wanted = [
         replace(condition, environment=environment)
-        for environment in ENVIRONMENTS
+        for environment in environments(experiment)
         for condition in conditions(experiment)
+        if environment in ENVIRONMENTS or condition.machine == experiment
     ]
     runs = [(condition, seed) for condition in wanted for seed in range(1, seeds + 1)]
     outcomes = {(condition.name, condition.environment): [] for condition in wanted}

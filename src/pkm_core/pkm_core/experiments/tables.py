@@ -1,6 +1,6 @@
 """Tables 7.2, 7.3, 8.2 and 8.3: every figure of a study with that of the thesis, one row per controller."""
 
-from pkm_core.experiments.condition import ENVIRONMENTS
+from pkm_core.experiments.condition import environments
 from pkm_core.experiments.outcome import counted, spread, worst_axis
 from pkm_core.reporting.tables import Table
 from pkm_core.thesis.results import END_POINT, JOINT_SPACE
@@ -40,8 +40,10 @@ def _rows(study, conditions, source, axes, reported):
         for axis in axes:
             for condition in conditions:
                 spreads = {
-                    environment: _spread(study.outcomes[condition.name, environment], source, quantity, axis, factor)
-                    for environment in ENVIRONMENTS
+                    environment: _spread(
+                        study.outcomes.get((condition.name, environment), []), source, quantity, axis, factor
+                    )
+                    for environment in environments(study.experiment)
                 }
                 if spreads['nominal'] is not None:
                     thesis = _thesis(reported, key, axis, condition.column)
@@ -50,7 +52,9 @@ def _rows(study, conditions, source, axes, reported):
 
 
 def _spread(outcomes, source, quantity, axis, factor):
-    """Return the `Spread` of one axis in um or ms, None if the machine has no such axis."""
+    """Return the `Spread` of one axis in um or ms, None if the machine has no such axis or no such environment."""
+    if not outcomes:
+        return None
     if axis == WORST:
         values = worst_axis(outcomes, quantity)[:, outcomes[0].counted]
     else:
@@ -90,6 +94,8 @@ def spread_table(title, rows, environments):
 
 
 def _text(found, form):
+    if found is None:
+        return ''
     if found.never:
         return f'{100 * found.never:.0f} % never'
     mean = form.format(found.mean)

@@ -15,7 +15,7 @@ from pkm_core.machines.checks import ANGLES
 from pkm_core.machines.laser_clock import nanoseconds, sample_numbers
 from pkm_core.plant.noise import LaserNoise
 from pkm_core.plant.platform import Platform
-from pkm_core.plant.truth import load_truth
+from pkm_core.plant.truth import load_truth, platform_modes
 
 _MOVED = np.array([0.0, 1e-5, -1e-5])  # s; central differences for speeds: moves of micrometres, rounding 1e-11 m/s
 
@@ -52,7 +52,7 @@ class Laser:
         self._step = truth.laser.resolution * scale
         self._scale = levels.laser_noise * scale
         self._noise = LaserNoise(seed, len(scale))
-        self._given = truth.platform if levels.modes else None
+        self._modes = platform_modes(machine, truth, levels) if levels.modes else None
         self._skipped = 0  # number of samples that were due while the machine stood
         self._seen = []  # truths, one per tick
         self._tick = 0  # number of the first one
@@ -60,7 +60,7 @@ class Laser:
     def zero(self, tick, truth):
         """Take the end point of `truth` (a PlantTruth, at rest) at `tick` as the datum and start measuring."""
         self._datum = truth.pose
-        self._platform = self._given and Platform(self._given, len(self._datum), self._machine.sample_time)
+        self._platform = self._modes and Platform(self._modes, self._machine.sample_time)
         self._tick, self._seen = tick, [truth]
 
     def stand(self, ticks):

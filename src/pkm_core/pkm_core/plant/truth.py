@@ -9,7 +9,8 @@ level of each imperfection:
 - `ideal`: none
 - `nominal`, `hard`: two levels of all of them
 - `exact`: `nominal` with links and marks as drawn
-- `elastic` (4-DOF manipulator only): `nominal` with elastic belts and modes that depend on position
+- `elastic` (4-DOF manipulator only): `nominal` with elastic belts, modes that depend on position, and a platform whose
+  mode differs between coordinates
 - `geometric`: `nominal` with errors of guides, scales and laser axes
 - `warm` (machines with links only): `nominal` with temperatures of motors, links and scales
 """
@@ -167,6 +168,10 @@ class Environment(Config):
     laser_noise: Annotated[Length, Field(ge=0.0, description='of one reading')]
     geometry: GeometryLevels | None = None
     heat: HeatLevels | None = None
+    platform: Annotated[
+        dict[str, Platform] | None,
+        Field(description="by coordinate of the end point, all of them; absent: the machine's in every one"),
+    ] = None
 
 
 class Truth(Config):
@@ -223,4 +228,16 @@ def load_truth(machine, environment):
         raise ConfigError(f'{path}: substep {truth.substep:g} s does not divide the tick of {machine.sample_time:g} s')
     if environment not in truth.environments:
         raise ConfigError(f'{path}: environment {environment!r} is unknown; known: {sorted(truth.environments)}')
-    return truth, truth.environments[environment]
+    levels = truth.environments[environment]
+    if levels.platform is not None and set(levels.platform) != set(machine.coordinates):
+        raise ConfigError(
+            f'{path}: environments.{environment}.platform: {list(levels.platform)} given; allowed: one mode for each '
+            f'of {list(machine.coordinates)}'
+        )
+    return truth, levels
+
+
+def platform_modes(machine, truth, levels):
+    """Return the `Platform` of each coordinate of `machine` in the environment `levels`, in their order."""
+    own = levels.platform or {}
+    return [own.get(coordinate, truth.platform) for coordinate in machine.coordinates]

@@ -26,8 +26,9 @@ def margins(
     Compute gain and phase margin, peak sensitivity, disk margin and bandwidths of every axis.
 
     Nominal model, and worst case over gain +-20 %, modes +-5 % and all signs of the zeros; for an observer law over
-    gain +-10 % and modes +-3 %, the uncertainty of an identified model. With computed torque also the highest natural
-    frequency at which the limits of config/tuning are kept despite the flexible modes.
+    gain +-10 % and modes +-3 %, the uncertainty of an identified model. A second table has the margins and closed-loop
+    bandwidths of the thesis's robust law, Tables 7.1 and 8.1, beside those of the model. With computed torque also the
+    highest natural frequency at which the limits of config/tuning are kept despite the flexible modes.
 
     Example: `pkm margins --machine planar --out runs/margins`
 
@@ -38,6 +39,7 @@ def margins(
     from pkm_core.control.controllers import KINDS, SINGLE_AXIS, choose_control, kind_of
     from pkm_core.control.margins import stability_margins, worst_margins
     from pkm_core.control.model import load_model
+    from pkm_core.thesis.gains import NUMBERS
 
     console, machine, out = Output(), load_machine(machine_name), out_folder(out)
     models, gains = load_model(machine), choose_control(machine, controller)
@@ -57,6 +59,10 @@ def margins(
         'axes': {joint: {case: asdict(m) for case, m in cases.items()} for joint, cases in found.items()},
     }
     console.print(margins_table(f'{machine.name}, {kind}', found))
+    if machine.name in NUMBERS:
+        reported = _thesis_rows(machine.name, found)
+        results['thesis'] = {row[0]: row[1:] for row in reported}
+        console.print(_thesis_table(machine.name, reported))
     if kind == 'computed_torque':
         results['natural_frequency_limits_Hz'] = _torque_limits(console, machine, gains, models, out)
     write_figures(json_file, results)
@@ -88,6 +94,31 @@ def margins_table(title, found):
             rows.append((joint if case == 'nominal' else '', case, *cells))
         rows.append(None)
     return table(title, ['axis', '', *columns], rows, align='llr')
+
+
+def _thesis_rows(machine_name, found):
+    """Return [joint, GM, PM, CLBW of the thesis, the same of the model] of each axis; CLBW is where |S| reaches 1."""
+    from pkm_core.thesis.gains import ROWS, printed_column
+
+    rows = []
+    for joint, cases in found.items():
+        printed = dict(zip(ROWS, printed_column(machine_name, joint), strict=True))
+        own = cases['nominal']
+        values = [printed[name] for name in ('GM (dB)', 'PM (deg)', 'CLBW (Hz)')]
+        rows.append([joint, *values, own.gain_margin, own.phase_margin, own.bandwidth])
+    return rows
+
+
+def _thesis_table(machine_name, rows):
+    from pkm_core.thesis.gains import NUMBERS
+
+    forms = ('.2f', '.1f', '.1f')
+    cells = [
+        (joint, *(f'{value:{form}}' for value, form in zip(values, 2 * forms, strict=True))) for joint, *values in rows
+    ]
+    headings = [f'{whose}\n{what}' for whose in ('thesis', 'here') for what in ('GM [dB]', 'PM [deg]', 'CLBW [Hz]')]
+    title = f'beside Table {NUMBERS[machine_name]} of the thesis, its robust law; CLBW: |S| < 1'
+    return table(title, ['axis', *headings], cells)
 
 
 def _torque_limits(console, machine, gains, models, out):

@@ -18,7 +18,7 @@ _LOOK_EVERY, _LOOK_REGULARLY = 0.05, 0.5
 
 def subscribe_one(node, message_type, topic, callback, qos, *, besides=None):
     """
-    Call `callback(message)` with the messages that the `OnePublisher` of `topic` accepts; others are dropped. Return it.
+    Call `callback(message)` with the messages that the `OnePublisher` of `topic` accepts; others are dropped.
 
     rclpy's public API does not know the sender of a message: there every sender counts.
     """
