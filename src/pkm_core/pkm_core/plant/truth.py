@@ -11,6 +11,7 @@ level of each imperfection:
 - `exact`: `nominal` with links and marks as drawn
 - `elastic` (4-DOF manipulator only): `nominal` with elastic belts and modes that depend on position
 - `geometric`: `nominal` with errors of guides, scales and laser axes
+- `flexible` (4-DOF and planar manipulator): `nominal` with modes that react on the machine and are shared by axes
 """
 
 from typing import Annotated, Literal
@@ -139,6 +140,17 @@ class GeometryLevels(Config):
     laser_axes: Annotated[Angle, Field(ge=0.0, le=1e-2, description='of each direction of measurement')]
 
 
+class FlexibleLevels(Config):
+    """Modes of the axes as masses on the links, which react on the sliders; see flexible.py."""
+
+    mass: Annotated[Number, Field(gt=0.0, le=0.1, description='of each mode, relative to the mass of its axis at home')]
+    shared: Annotated[Number, Field(ge=0.0, le=1.0, description='by both sliders of a link pair: 0 none, 1 all')]
+    directions: Annotated[
+        tuple[Literal['across', 'along'], ...],
+        Field(description='of the modes of every axis in their order, relative to the guide of the pair'),
+    ]
+
+
 class Environment(Config):
     """Level of each imperfection; spreads are standard deviations unless stated otherwise."""
 
@@ -164,6 +176,16 @@ class Environment(Config):
     payload_spread: Annotated[Share, Field(description='of the payload')]
     laser_noise: Annotated[Length, Field(ge=0.0, description='of one reading')]
     geometry: GeometryLevels | None = None
+    flexible: FlexibleLevels | None = None
+
+    @model_validator(mode='after')
+    def _flexible_is_alone(self):
+        if self.flexible and (not self.modes or self.belts or self.mode_shift):
+            raise ValueError(
+                f'flexible given with modes {self.modes}, belts {self.belts}, mode_shift {100 * self.mode_shift:g} %; '
+                'allowed with modes true, belts false, mode_shift 0 %: these modes shift by the pose'
+            )
+        return self
 
 
 class Truth(Config):
@@ -195,10 +217,23 @@ class Truth(Config):
         for name, environment in self.environments.items():
             if environment.belts and self.belts is None:
                 raise ValueError(f'environments.{name}: belts is true but the machine has no section belts')
+            if environment.flexible:
+                self._check_flexible(name, environment.flexible)
         lower, upper = self.vibration_band
         if not 0.0 <= lower < upper:
             raise ValueError(f'vibration_band: {lower:g} to {upper:g} Hz given; allowed 0 <= lower < upper')
         return self
+
+    def _check_flexible(self, name, flexible):
+        paired = {joint for pair in self.stops.carriages for joint in pair}
+        for joint, axis in self.axes.items():
+            if joint not in paired or axis.gain is None:
+                raise ValueError(f'environments.{name}: flexible given; {joint} has no pair in stops.carriages or no gain')
+            if len(axis.modes) != len(flexible.directions):
+                raise ValueError(
+                    f'environments.{name}.flexible.directions: {len(flexible.directions)} given; {joint} has '
+                    f'{len(axis.modes)} modes'
+                )
 
 
 def load_truth(machine, environment):
