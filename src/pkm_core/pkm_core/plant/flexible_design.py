@@ -4,9 +4,9 @@ Constants of the modes that react, such that each axis has its identified H_i at
 Unknowns and conditions, at home with the voltages of the other axes at zero:
 
 - stiffness and damping of each mode: the poles of the whole machine are those of all H_i (Newton's method);
-- the shares w, v, u of each scale: the response of joint i to its own force has the residues of K_i H_i/(s (s + a_i)) at
-  the poles of its own H_i, and none at the poles of the other axes: there its scale is at a node. u makes the response
-  fall with the square of the frequency, as that of a force on a mass.
+- the shares w, v, u of each scale: the response of joint i to its own force has the residues of K_i H_i/(s (s + a_i))
+  at the poles of its own H_i, and none at the poles of the other axes: there its scale is at a node. u makes the
+  response fall with the square of the frequency, as that of a force on a mass.
 
 A force on the other slider of a pair excites the mode all the same, and away from home the directions change.
 """
@@ -33,10 +33,7 @@ def design_bends(machine, truth, levels, substep=0.0):
     """
     Return (BEND_PARAMETERS (f,), scales (2, n, f + 1)) of the environment `levels`.
 
-    Parameters
-    ----------
-    substep : float
-        Frequencies are lowered such that the integration with this step [s] has those of H_i; 0: exact time.
+    Frequencies are lowered such that the integration with `substep` [s] has those of H_i; 0: exact time.
 
     Raises
     ------
@@ -84,7 +81,9 @@ def _carried(machine, truth, flexible, total):
         half = 0.5 * (machine.home[higher] - machine.home[lower])
         slope = 0.5 * half / np.sqrt(link**2 - half**2)
         if slope == 0.0:
-            raise ConfigError(f'truth of {machine.name}: flexible: the links of {machine.joints[i]} are parallel at home')
+            raise ConfigError(
+                f'truth of {machine.name}: flexible: the links of {machine.joints[i]} are parallel at home'
+            )
         for way, _ in zip(flexible.directions, axis.modes, strict=True):
             share = flexible.shared
             along, across = (share, 0.0) if way == 'along' else (0.0, share / slope * (1.0 if i == lower else -1.0))
@@ -158,7 +157,9 @@ def _tune(machine, parameters, M, viscous, poles):
             break
         push = -left[n + f :].T @ inverse[:, n:]  # (pole, mode): change of a pole by a spring or damper
         slope = np.hstack([push * right[n : n + f].T, push * right[2 * n + f :].T])
-        change = np.linalg.lstsq(np.vstack([slope.real, slope.imag]), np.concatenate([off.real, off.imag]), rcond=None)[0]
+        change = np.linalg.lstsq(np.vstack([slope.real, slope.imag]), np.concatenate([off.real, off.imag]), rcond=None)[
+            0
+        ]
         share = min(1.0, 0.2 * (step + 1))
         parameters['stiffness'] -= share * change[:f]
         parameters['damping'] -= share * change[f:]

@@ -198,9 +198,10 @@ def advance(
 
     Parameters
     ----------
-    motion, axes, modes, counts, mechanism, rigid, parameters, common_row, contacts, mode_table, scratch, steps, bends,
-    bend_parameters, scales, bend_scratch
-        The fields of arrays.PlantArrays; the first four and bends are the state.
+    motion, axes, modes, counts, mechanism, rigid, parameters, common_row, contacts, mode_table, scratch, steps
+        The fields of arrays.PlantArrays; the first four are the state.
+    bends, bend_parameters, scales, bend_scratch
+        The others; the first is also state.
     volts : ndarray, shape (n,)
         [V].
     noise : ndarray, shape (3, ticks, n)
@@ -263,7 +264,5 @@ def advance(
     for i in range(n):
         axis = axes[i]
         axis.heat += common.heat_share * (0.5 * axis.current * axis.current - axis.heat)
-        counts[i] = _read(
-            axis, parameters[i], common, motion, i, modes[i], bends, scales[:, i], noise[ENCODER, row, i]
-        )
+        counts[i] = _read(axis, parameters[i], common, motion, i, modes[i], bends, scales[:, i], noise[ENCODER, row, i])
     return event

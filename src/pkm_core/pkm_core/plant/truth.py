@@ -178,15 +178,6 @@ class Environment(Config):
     geometry: GeometryLevels | None = None
     flexible: FlexibleLevels | None = None
 
-    @model_validator(mode='after')
-    def _flexible_is_alone(self):
-        if self.flexible and (not self.modes or self.belts or self.mode_shift):
-            raise ValueError(
-                f'flexible given with modes {self.modes}, belts {self.belts}, mode_shift {100 * self.mode_shift:g} %; '
-                'allowed with modes true, belts false, mode_shift 0 %: these modes shift by the pose'
-            )
-        return self
-
 
 class Truth(Config):
     """Truth of one simulated machine."""
@@ -218,17 +209,25 @@ class Truth(Config):
             if environment.belts and self.belts is None:
                 raise ValueError(f'environments.{name}: belts is true but the machine has no section belts')
             if environment.flexible:
-                self._check_flexible(name, environment.flexible)
+                self._check_flexible(name, environment)
         lower, upper = self.vibration_band
         if not 0.0 <= lower < upper:
             raise ValueError(f'vibration_band: {lower:g} to {upper:g} Hz given; allowed 0 <= lower < upper')
         return self
 
-    def _check_flexible(self, name, flexible):
+    def _check_flexible(self, name, level):
+        flexible = level.flexible
+        if not level.modes or level.belts or level.mode_shift:
+            raise ValueError(
+                f'environments.{name}: flexible given with modes {level.modes}, belts {level.belts}, mode_shift '
+                f'{100 * level.mode_shift:g} %; allowed with modes true, belts false, mode_shift 0 %'
+            )
         paired = {joint for pair in self.stops.carriages for joint in pair}
         for joint, axis in self.axes.items():
             if joint not in paired or axis.gain is None:
-                raise ValueError(f'environments.{name}: flexible given; {joint} has no pair in stops.carriages or no gain')
+                raise ValueError(
+                    f'environments.{name}: flexible given; {joint} has no pair in stops.carriages or no gain'
+                )
             if len(axis.modes) != len(flexible.directions):
                 raise ValueError(
                     f'environments.{name}.flexible.directions: {len(flexible.directions)} given; {joint} has '

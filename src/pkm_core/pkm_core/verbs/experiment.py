@@ -23,18 +23,25 @@ from pkm_core.verbs.options import (
 
 
 class What(StrEnum):
-    """The experiment: a chapter of the thesis, targets, constants of the learned error, or PID beside observer."""
+    """The experiment: a chapter of the thesis, targets, constants of the learned error, laws, or flexible modes."""
 
     planar = 'planar'
     four_dof = 'four_dof'
     targets = 'targets'
     sensitivity = 'sensitivity'
     structures = 'structures'
+    flexible = 'flexible'
+
+
+_SIMULATED = (What.targets, What.sensitivity, What.structures, What.flexible)
 
 
 def experiment(
     what: Annotated[
-        What, typer.Argument(help='Chapter 7, chapter 8, targets, sensitivity to the constants, PID beside observer.')
+        What,
+        typer.Argument(
+            help='Chapter 7, chapter 8, targets, sensitivity to the constants, PID beside observer, flexible modes.'
+        ),
     ],
     seeds: Annotated[int, typer.Option(min=1, help='Number of noise seeds, counted from 1.')] = 5,
     cycles: Annotated[
@@ -53,8 +60,9 @@ def experiment(
     `planar` prints Tables 7.2 to 7.5 and `four_dof` Tables 8.2 and 8.3; --out adds their figures and tables.md.
     End-point errors are measured by the laser. `targets` lists each target and whether it was met. `sensitivity` shows
     how the learned error depends on each chosen constant of the simulated machine; --out adds its figure. `structures`
-    compares PID and observer over 40 cycles, on models as shipped, on identified ones, and on random machines. Every
-    arrangement gives the same bits; --processes and --cluster apply to the simulation.
+    compares PID and observer over 40 cycles, on models as shipped, on identified ones, and on random machines.
+    `flexible` compares modes in series with modes that react on the machine: margins and errors. Every arrangement
+    gives the same bits; --processes and --cluster apply to the simulation.
 
     Example: `pkm experiment planar --out runs/planar --json planar.json`
 
@@ -65,12 +73,14 @@ def experiment(
     Example: `pkm experiment sensitivity --out runs/sensitivity`
 
     Example: `pkm experiment structures --seeds 1`
+
+    Example: `pkm experiment flexible`
     """
     from pkm_core.experiments.report import markdown
 
     console, out = Output(), out_folder(out)
     workers = processes, cluster
-    if what in (What.targets, What.sensitivity, What.structures) and arrangement is not Arrangement.simulation:
+    if what in _SIMULATED and arrangement is not Arrangement.simulation:
         raise PkmError(f'--arrangement: {arrangement} given; {what} runs in simulation only')
     if what is What.targets:
         tables, figures = _targets(console, seeds, cycles, workers)
@@ -78,6 +88,8 @@ def experiment(
         tables, figures = _sensitivity(console, seeds, cycles, workers, out)
     elif what is What.structures:
         tables, figures = _structures(console, seeds, workers)
+    elif what is What.flexible:
+        tables, figures = _flexible(console, seeds, cycles, workers)
     else:
         tables, figures = _study(console, what.value, arrangement, seeds, cycles, workers, out)
     for table in tables:
@@ -143,6 +155,15 @@ def _structures(console, seeds, workers):
     tasks = structure_tasks(seeds)
     results = _farm(console, list(tasks.values()), workers)
     return structures_report(dict(zip(tasks, results, strict=True)), seeds)
+
+
+def _flexible(console, seeds, cycles, workers):
+    """Run modes in series and modes that react, and return their table and figures."""
+    from pkm_core.experiments.flexible import flexible_report, flexible_tasks
+
+    tasks = flexible_tasks(seeds, cycles)
+    results = _farm(console, list(tasks.values()), workers)
+    return flexible_report(dict(zip(tasks, results, strict=True)), seeds, cycles)
 
 
 def _farm(console, tasks, workers):
