@@ -19,7 +19,6 @@ from pkm_core.experiments.flexible import (
 from pkm_core.experiments.sensitivity import learned_error
 from pkm_core.machines import load_machine
 from pkm_core.plant.linear import sampled_plants
-from pkm_core.plant.truth import load_truth
 
 
 @pytest.mark.parametrize('name', list(MACHINES))
@@ -29,8 +28,7 @@ def test_shared_modes_take_margin_that_the_series_model_hides(name):
     gains, models = load_control(machine), load_model(machine)
     laws = [law.system(machine.sample_time) for law in gains.values()]
     series, shared = (
-        sampled_plants(machine, *load_truth(machine, environment), [machine.home])[0]
-        for environment in ('nominal', 'flexible')
+        sampled_plants(machine, environment, [machine.home])[0] for environment in ('nominal', 'flexible')
     )
     by_model = min(stability_margins(gains[j], models[j], machine.sample_time).gain_margin for j in machine.joints)
     assert alone(series, laws, machine.sample_time) == pytest.approx(by_model, abs=0.1)

@@ -70,8 +70,7 @@ def test_each_axis_has_its_identified_response_at_home(name):
     frequency = np.arange(20.0, 950.0, 0.5)
     z = np.exp(2j * np.pi * frequency * machine.sample_time)
     series, shared = (
-        response(sampled_plants(machine, *load_truth(machine, environment), [machine.home])[0], z)
-        for environment in ('nominal', 'flexible')
+        response(sampled_plants(machine, environment, [machine.home])[0], z) for environment in ('nominal', 'flexible')
     )
     for i in range(len(machine.joints)):
         off = np.abs(shared[:, i, i] / series[:, i, i] - 1.0)

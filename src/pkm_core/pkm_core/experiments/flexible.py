@@ -16,8 +16,7 @@ from pkm_core.control.margins import design_grid, measured_margins, unit_circle
 from pkm_core.experiments.condition import conditions, prepared
 from pkm_core.experiments.outcome import spread
 from pkm_core.plant.changed_truth import changed_machine
-from pkm_core.plant.linear import sampled_plants
-from pkm_core.plant.truth import load_truth
+from pkm_core.plant.linear import pair_gaps, sampled_plants
 from pkm_core.reporting.tables import Table
 from pkm_core.simulation.cycles import run_cycles
 
@@ -59,23 +58,18 @@ def loops(name, case):
     """Return the `Loops` of the shipped controllers of a machine."""
     given = prepared({each.name: each for each in conditions(name)}['best law'])
     with _built(given.machine, case) as (machine, environment):
-        truth, levels = load_truth(machine, environment)
         laws = [law.system(machine.sample_time) for law in given.gains.values()]
         poses = _poses(machine)
-        home, *plants = sampled_plants(machine, truth, levels, [machine.home, *poses])
-        margins = np.array([together(plant, laws) for plant in plants])
-        worst = int(np.argmin(margins))
-        gaps = [
-            poses[worst][machine.joints.index(higher)] - poses[worst][machine.joints.index(lower)]
-            for lower, higher in truth.stops.carriages
-        ]
-        return Loops(
-            alone(home, laws, machine.sample_time),
-            together(home, laws),
-            float(margins[worst]),
-            float(max(gaps)),
-            int((margins <= 0.0).sum()),
-        )
+        home, *plants = sampled_plants(machine, environment, [machine.home, *poses])
+    margins = np.array([together(plant, laws) for plant in plants])
+    worst = int(np.argmin(margins))
+    return Loops(
+        alone(home, laws, given.machine.sample_time),
+        together(home, laws),
+        float(margins[worst]),
+        float(pair_gaps(given.machine, poses[worst]).max()),
+        int((margins <= 0.0).sum()),
+    )
 
 
 @contextmanager

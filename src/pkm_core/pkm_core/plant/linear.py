@@ -8,17 +8,25 @@ import numpy as np
 from scipy.linalg import expm
 
 from pkm_core.plant.flexible_design import design_bends, home_terms, second_order
+from pkm_core.plant.truth import load_truth
 
 
-def sampled_plants(machine, truth, levels, poses):
+def sampled_plants(machine, environment, poses):
     """
     Return (A (N, N), B (N, n), C (n, N)) of the machine at rest at each of `poses` (k, n), voltages [V] to scales [m].
 
-    Zero-order hold and the computation delay of one sample included. `levels` selects the modes: in series or, with
-    `flexible`, as masses on the links.
+    Zero-order hold and the computation delay of one sample included. The `environment` selects the modes: in series or,
+    with `flexible`, as masses on the links.
     """
+    truth, levels = load_truth(machine, environment)
     bends = design_bends(machine, truth, levels) if levels.flexible else None
     return [_sampled(machine, truth, bends, q) for q in poses]
+
+
+def pair_gaps(machine, q):
+    """Return the distance (pairs,) [m] of the two sliders of each link pair at the joints `q` (n,)."""
+    pairs = load_truth(machine, 'ideal')[0].stops.carriages
+    return np.array([q[machine.joints.index(higher)] - q[machine.joints.index(lower)] for lower, higher in pairs])
 
 
 def _sampled(machine, truth, bends, q):
