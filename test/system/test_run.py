@@ -75,7 +75,7 @@ def test_graph_gives_the_bits_of_the_simulation_without_ros(runs, simulated, arr
         ('xy_stage', {'law': 'inverse'}, 'composed', 3),
         ('planar', {'law': 'norm_optimal', 'motion': 'planar_limits'}, 'processes', 3),
         ('four_dof', {'law': 'basis'}, 'composed', 3),
-        ('planar', {'controller': 'computed_torque'}, 'composed', 3),
+        ('planar', {'controller': 'computed_torque', 'environment': 'flexible'}, 'composed', 3),
         ('planar', {'controller': 'observer', 'law': 'inverse'}, 'composed', 3),
         # without pauses for learning the recorder has to keep apart cycles that follow each other at once
         ('four_dof', {'controller': 'computed_torque'}, 'processes', 4),
@@ -111,7 +111,8 @@ def assert_bits_of_simulation(folder):
     records, tool = cycles_of(folder), None
     if results['learning_target'] == 'tool':
         tool = ToolLearning(make_tool_law(machine, gains, law, poses, trajectory))
-    expected = run_cycles(machine, trajectory, gains, law, len(records), results['seed'], start=start, tool=tool)
+    seed, environment = results['seed'], results['environment']
+    expected = run_cycles(machine, trajectory, gains, law, len(records), seed, environment, start=start, tool=tool)
     for number, record in enumerate(records):
         for kind in ('counts', 'voltage', 'error', 'feedforward'):
             assert np.array_equal(getattr(record, kind), getattr(expected, kind)[number]), (kind, number)
