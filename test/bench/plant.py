@@ -34,7 +34,9 @@ PLANTS = (
     ('four_dof', 'ideal'),
     ('four_dof', 'geometric'),
     ('four_dof', 'warm'),
+    ('four_dof', 'flexible'),
     ('planar', 'nominal'),
+    ('planar', 'flexible'),
     ('xy_stage', 'nominal'),
 )
 TURNS = 9
@@ -155,7 +157,10 @@ def main():
     force = forces(machine)
     exact = reference(machine, force)
 
-    steps = {environment: convergence(machine, environment) for environment in ('ideal', 'nominal', 'hard', 'elastic')}
+    steps = {
+        environment: convergence(machine, environment)
+        for environment in ('ideal', 'nominal', 'hard', 'elastic', 'flexible')
+    }
     table = Table(title='whole plant: largest change of a joint over 70 ms against a 16th of the substep \\[nm]')
     table.add_column('substep \\[us]', justify='right')
     for environment in steps:

@@ -75,7 +75,7 @@ def test_graph_gives_the_bits_of_the_simulation_without_ros(runs, simulated, arr
         ('xy_stage', {'law': 'inverse'}, 'composed', 3),
         ('planar', {'law': 'norm_optimal', 'motion': 'planar_limits'}, 'processes', 3),
         ('four_dof', {'law': 'basis'}, 'composed', 3),
-        ('planar', {'controller': 'computed_torque'}, 'composed', 3),
+        ('planar', {'controller': 'computed_torque', 'environment': 'flexible'}, 'composed', 3),
         ('planar', {'controller': 'observer', 'law': 'inverse'}, 'composed', 3),
         # without pauses for learning the recorder has to keep apart cycles that follow each other at once
         ('four_dof', {'controller': 'computed_torque'}, 'processes', 4),

@@ -14,7 +14,7 @@ _LIKE_NO_TEXT = re.compile(r'(?i:y|yes|n|no|on|off|true|false|null|~|[-+.]?\d[\d
 NAMESPACE = '/pkm'
 # descriptions of parameters that several nodes and the launch file have
 ENVIRONMENTS = (
-    'level of imperfections: ideal, nominal, hard, geometric, warm, elastic (four_dof), a section of config/truth'
+    'level of imperfections: ideal, nominal, hard, geometric, warm, flexible, elastic, a section of config/truth'
 )
 WITHOUT = 'comma-separated names of nodes that are not started, because other nodes replace them'
 LEARNING_TARGET = 'joints: the controllers learn from the encoders; tool: the reference is also learned from the laser'

@@ -177,7 +177,7 @@ def test_free_motion_conserves_energy_in_the_plant(altered):
     assert abs(energy() - start) < 1e-8
 
 
-@pytest.mark.parametrize('environment', ['ideal', 'nominal', 'hard', 'elastic'])
+@pytest.mark.parametrize('environment', ['ideal', 'nominal', 'hard', 'elastic', 'flexible'])
 def test_halving_the_substep_changes_positions_by_under_20_nm(environment, altered):
     coarse = altered('four_dof', environment)
     volts = smooth_move(coarse, np.array([5e-3, 5e-3, -4e-3, 4e-3]))
@@ -256,7 +256,9 @@ def test_bad_seed_is_refused(seed):
 
 
 def test_unknown_environment_lists_the_known_ones():
-    known = "'foggy' is unknown; known: ['elastic', 'exact', 'geometric', 'hard', 'ideal', 'nominal', 'warm']"
+    known = (
+        "'foggy' is unknown; known: ['elastic', 'exact', 'flexible', 'geometric', 'hard', 'ideal', 'nominal', 'warm']"
+    )
     with pytest.raises(ConfigError, match=re.escape(known)):
         Plant(load_machine('four_dof'), 1, 'foggy')
 

@@ -73,7 +73,7 @@ def test_completion_offers_verbs_options_and_configured_names(monkeypatch):
     assert values('--motion') == {path.stem for path in Path('config/motions').glob('*.yaml')}
     assert values('--law') == {*(path.stem for path in Path('config/learning').glob('*.yaml')), 'none'}
     assert {'robust', 'computed_torque', 'four_dof_thesis'} <= values('--controller')
-    assert {'ideal', 'nominal', 'hard', 'geometric', 'warm', 'elastic'} <= values('--environment')
+    assert {'ideal', 'nominal', 'hard', 'geometric', 'warm', 'flexible', 'elastic'} <= values('--environment')
     assert offered('pkm run --machine xy_stage --without joint_') == ['joint_controller_x', 'joint_controller_y']
     assert offered('pkm run --arrangement p') == ['processes']
     assert offered('pkm tune --mach') == ['--machine']

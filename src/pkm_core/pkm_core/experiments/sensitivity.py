@@ -70,6 +70,8 @@ CONSTANTS = (
     _level('encoder_latency', '0 us', '20 us'),
     _level('payload_spread', '0 %', '5 %'),
     _level('mode_shift', '-3 %', '3 %'),
+    _level('mode_shift', '0.5 %', '1 %', 'mode shift, small'),
+    _level('mode_shift', '2 %', '5 %', 'mode shift, large'),
     _level('back_emf', False, None, 'back EMF'),
     _level('modes', False, None),
     Constant('gain error of the axes', ('axes.*.gain_error',), 0.0, 2.0),

@@ -82,10 +82,24 @@ COMMON_PARAMETERS = _fields(
     encoder_latency='[s]',
 )
 
+# Constants of the modes that react on the machine, one row per mode; see flexible.py.
+BEND_PARAMETERS = _fields(
+    owner='joint whose H_i has this mode',
+    lower='joint of its link pair',
+    higher='joint of its link pair',
+    link='length of the links of the pair [m]',
+    own='share of the owner in the direction of the mode',
+    along='share of each joint of the pair, along its guide',
+    across='share of the height of the pair over its guide',
+    mass='[kg]',
+    stiffness='[N/m]',
+    damping='[N s/m]',
+)
+
 
 @dataclass(frozen=True)
 class PlantArrays:
-    """The array arguments of tick.advance, in its order; the state comes first."""
+    """The array arguments of tick.advance, in its order; the state comes first. f: modes that react."""
 
     motion: np.ndarray  # (3, m) rows Q, QD, QDD
     axes: np.ndarray  # (n,) AXIS_STATE
@@ -99,3 +113,7 @@ class PlantArrays:
     mode_table: np.ndarray  # (n, points over the travel, k, modes.STEP_SIZE)
     scratch: np.ndarray  # (m + 5, m) working space
     steps: np.ndarray  # (n, k, modes.STEP_SIZE) at the present position
+    bends: np.ndarray  # (f, 3) state: deflection [m], rate [m/s] and acceleration [m/s^2] of each mode that reacts
+    bend_parameters: np.ndarray  # (f,) BEND_PARAMETERS
+    scales: np.ndarray  # (2, n, f + 1) share of deflections and rates [s] in each scale; last: of the joint itself
+    bend_scratch: np.ndarray  # (f, n + 1) direction times mass [kg], force [N]

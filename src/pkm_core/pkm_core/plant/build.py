@@ -7,6 +7,8 @@ import numpy as np
 from pkm_core.errors import ConfigError
 from pkm_core.plant.arrays import AXIS_PARAMETERS, AXIS_STATE, COMMON_PARAMETERS, MECHANISMS, PlantArrays, Q
 from pkm_core.plant.drive import motor_thrust, shorted_damping
+from pkm_core.plant.flexible import no_bends
+from pkm_core.plant.flexible_design import design_bends
 from pkm_core.plant.modes import STEP_SIZE, mode_steps
 from pkm_core.plant.tick import rigid_terms
 
@@ -40,6 +42,7 @@ def build(machine, truth, levels, assembly):
     sticks = truth.friction.breakaway * parameters['coulomb']
     axes['friction'] = np.clip(no_current - gravity, -sticks, sticks)
     axes['bristle'] = axes['friction'] / truth.friction.stiffness
+    bends, scales = design_bends(machine, truth, levels, truth.substep) if levels.flexible else no_bends(n)
     return PlantArrays(
         motion=motion,
         axes=axes,
@@ -53,6 +56,10 @@ def build(machine, truth, levels, assembly):
         mode_table=mode_table,
         scratch=scratch,
         steps=np.ascontiguousarray(mode_table[:, 0]),
+        bends=np.zeros((bends.size, 3)),
+        bend_parameters=bends,
+        scales=scales,
+        bend_scratch=np.zeros((bends.size, n + 1)),
     )
 
 
@@ -152,7 +159,7 @@ def _contacts(machine, stops):
 
 def _mode_table(machine, truth, levels):
     axes = list(truth.axes.values())
-    count = max(len(axis.modes) for axis in axes) if levels.modes else 0
+    count = max(len(axis.modes) for axis in axes) if levels.modes and not levels.flexible else 0
     points = _MODE_POINTS if count and levels.mode_shift else 1
     table = np.zeros((len(axes), points, count, STEP_SIZE))
     for i, axis in enumerate(axes if count else ()):

@@ -3,8 +3,8 @@ The whole physical machine, one servo tick at a time: volts in, encoder counts o
 
 Signal path: DAC and saturation -> one sample of computation delay and zero-order hold -> current loop -> thrust
 -> coupled rigid dynamics with gravity (on links 10, 12 and the end-effector), friction and stops -> flexible modes ->
-encoder. The parts are drive.py, machines/dynamics.py (belts.py), friction.py, contact.py, modes.py and encoder.py;
-tick.py composes them.
+encoder. The parts are drive.py, machines/dynamics.py (belts.py), friction.py, contact.py, modes.py or flexible.py, and
+encoder.py; tick.py composes them.
 
 An extra mass on each carriage reproduces the identified gains K_i and viscosities a_i of (7.34), (8.4):
 K_i = thrust_per_volt / (M_ii(home) + extra_i), b_i = a_i (M_ii(home) + extra_i). M_ii is the mass that one axis moves
@@ -92,8 +92,8 @@ class Plant:
     seed : int
         The same seed gives the same bits of the specimen and of every disturbance.
     environment : str
-        A section of that file: 'ideal', 'nominal', 'hard', 'exact', 'geometric', 'warm', and for four_dof 'elastic';
-        see truth.py.
+        A section of that file: 'ideal', 'nominal', 'hard', 'exact', 'geometric', 'warm' and 'flexible' (not xy_stage),
+        and for four_dof 'elastic'; see truth.py.
     rise : array_like, optional
         Temperatures at power-up [K] in an environment with heat, see `Heat`; by default those of the room.
 

@@ -7,7 +7,8 @@ sample), quantised, saturated and held. Each substep
 - takes the exact mean of the current,
 - evaluates the rigid machine at the middle of the substep and holds its acceleration (second order, no numerical
   damping),
-- integrates viscous friction by the trapezoid rule, modes and windings by their exact solutions.
+- integrates viscous friction by the trapezoid rule, modes and windings by their exact solutions; modes that react on
+  the machine (flexible.py) by the rule of the machine.
 
 Kernels divide as numpy does (`error_model`): a check at every division would cost 20 % of the tick, and a
 configuration that leads to a zero divisor is refused when it is loaded.
@@ -23,6 +24,7 @@ from pkm_core.plant.belts import four_dof_belt_terms
 from pkm_core.plant.contact import contact_force
 from pkm_core.plant.drive import current_step, dac_output, emf_step, limited_current, motor_thrust
 from pkm_core.plant.encoder import encoder_count
+from pkm_core.plant.flexible import bend, bend_forces
 from pkm_core.plant.friction import bristle_step
 from pkm_core.plant.modes import blend_steps, mode_step
 
@@ -150,12 +152,19 @@ def _bend(modes, steps, speed, acceleration):
 
 
 @njit(cache=True, error_model='numpy')
-def _read(axis, parameters, common, q, qd, modes, noise):
-    """Return the present encoder count."""
+def _read(axis, parameters, common, motion, i, modes, bends, scale, noise):
+    """Return the present encoder count of joint `i`."""
+    q, qd = motion[Q, i], motion[QD, i]
     axis.position, axis.speed = q, qd
     for m in range(modes.shape[0]):
         axis.position += modes[m, 0]
         axis.speed += modes[m, 1]
+    if bends.shape[0] > 0:
+        axis.position += scale[1, bends.shape[0]] * qd
+        axis.speed += scale[1, bends.shape[0]] * motion[QDD, i]
+    for m in range(bends.shape[0]):
+        axis.position += scale[0, m] * bends[m, 0] + scale[1, m] * bends[m, 1]
+        axis.speed += scale[0, m] * bends[m, 1] + scale[1, m] * bends[m, 2]
     seen = axis.position - common.encoder_latency * axis.speed + parameters.encoder_offset
     return int(encoder_count(seen, common.resolution, common.signal_period, common.subdivision_error, noise))
 
@@ -174,6 +183,10 @@ def advance(
     mode_table,
     scratch,
     steps,
+    bends,
+    bend_parameters,
+    scales,
+    bend_scratch,
     volts,
     noise,
     row,
@@ -187,6 +200,8 @@ def advance(
     ----------
     motion, axes, modes, counts, mechanism, rigid, parameters, common_row, contacts, mode_table, scratch, steps
         The fields of arrays.PlantArrays; the first four are the state.
+    bends, bend_parameters, scales, bend_scratch
+        The others; the first is also state.
     volts : ndarray, shape (n,)
         [V].
     noise : ndarray, shape (3, ticks, n)
@@ -232,7 +247,11 @@ def advance(
             M[i, i] += parameters[i].extra_mass + 0.5 * h * viscous
         touched = _add_contacts(contacts, common, q, qd, force)
         event = touched if event == 0 else event
+        if bends.shape[0] > 0:
+            bend_forces(bends, bend_parameters, q, qd, h, M, force, bend_scratch)
         solve(M, force)  # now the acceleration
+        if bends.shape[0] > 0:
+            bend(bends, bend_parameters, force, h, bend_scratch)
         for i in range(n):
             # scale and carriages move with the floor: M (qdd + floor) = F, exact if a guide's joints carry all masses
             force[i] -= noise[FLOOR, row, i]
@@ -247,5 +266,5 @@ def advance(
         axis.heat += common.heat_share * (0.5 * axis.current * axis.current - axis.heat)
         axis.square += axis.current * axis.current
         axis.rubbing += (axis.friction + parameters[i].viscous * motion[QD, i]) * motion[QD, i]
-        counts[i] = _read(axis, parameters[i], common, motion[Q, i], motion[QD, i], modes[i], noise[ENCODER, row, i])
+        counts[i] = _read(axis, parameters[i], common, motion, i, modes[i], bends, scales[:, i], noise[ENCODER, row, i])
     return event

@@ -13,6 +13,7 @@ level of each imperfection:
   mode differs between coordinates
 - `geometric`: `nominal` with errors of guides, scales and laser axes
 - `warm` (machines with links only): `nominal` with temperatures of motors, links and scales
+- `flexible` (4-DOF and planar manipulator): `nominal` with modes that react on the machine and are shared by axes
 """
 
 from typing import Annotated, Literal
@@ -142,6 +143,17 @@ class GeometryLevels(Config):
     laser_axes: Annotated[Angle, Field(ge=0.0, le=1e-2, description='of each direction of measurement')]
 
 
+class FlexibleLevels(Config):
+    """Modes of the axes as masses on the links, which react on the sliders; see flexible.py."""
+
+    mass: Annotated[Number, Field(gt=0.0, le=0.1, description='of each mode, relative to the mass of its axis at home')]
+    shared: Annotated[Number, Field(ge=0.0, le=1.0, description='by both sliders of a link pair: 0 none, 1 all')]
+    directions: Annotated[
+        tuple[Literal['across', 'along'], ...],
+        Field(description='of the modes of every axis in their order, relative to the guide of the pair'),
+    ]
+
+
 class Environment(Config):
     """Level of each imperfection; spreads are standard deviations unless stated otherwise."""
 
@@ -172,6 +184,7 @@ class Environment(Config):
         dict[str, Platform] | None,
         Field(description="by coordinate of the end point, all of them; absent: the machine's in every one"),
     ] = None
+    flexible: FlexibleLevels | None = None
 
 
 class Truth(Config):
@@ -203,10 +216,31 @@ class Truth(Config):
         for name, environment in self.environments.items():
             if environment.belts and self.belts is None:
                 raise ValueError(f'environments.{name}: belts is true but the machine has no section belts')
+            if environment.flexible:
+                self._check_flexible(name, environment)
         lower, upper = self.vibration_band
         if not 0.0 <= lower < upper:
             raise ValueError(f'vibration_band: {lower:g} to {upper:g} Hz given; allowed 0 <= lower < upper')
         return self
+
+    def _check_flexible(self, name, level):
+        flexible = level.flexible
+        if not level.modes or level.belts or level.mode_shift:
+            raise ValueError(
+                f'environments.{name}: flexible given with modes {level.modes}, belts {level.belts}, mode_shift '
+                f'{100 * level.mode_shift:g} %; allowed with modes true, belts false, mode_shift 0 %'
+            )
+        paired = {joint for pair in self.stops.carriages for joint in pair}
+        for joint, axis in self.axes.items():
+            if joint not in paired or axis.gain is None:
+                raise ValueError(
+                    f'environments.{name}: flexible given; {joint} has no pair in stops.carriages or no gain'
+                )
+            if len(axis.modes) != len(flexible.directions):
+                raise ValueError(
+                    f'environments.{name}.flexible.directions: {len(flexible.directions)} given; {joint} has '
+                    f'{len(axis.modes)} modes'
+                )
 
 
 def load_truth(machine, environment):

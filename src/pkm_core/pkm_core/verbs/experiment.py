@@ -23,7 +23,7 @@ from pkm_core.verbs.options import (
 
 
 class What(StrEnum):
-    """The experiment: a chapter of the thesis, targets, constants of the learned error, structures, heat, the stage."""
+    """The experiment: a chapter of the thesis, targets, constants of the learned error, laws, heat, stage, modes."""
 
     planar = 'planar'
     four_dof = 'four_dof'
@@ -32,14 +32,15 @@ class What(StrEnum):
     structures = 'structures'
     drift = 'drift'
     stage = 'stage'
+    flexible = 'flexible'
 
 
 def experiment(
     what: Annotated[
         What,
         typer.Argument(
-            help='Chapter 7, chapter 8, targets, sensitivity to the constants, PID beside observer, heat, claim against '
-            'the XY stage.'
+            help='Chapter 7, chapter 8, targets, sensitivity to the constants, PID beside observer, heat, claim '
+            'against the XY stage, flexible modes.'
         ),
     ],
     seeds: Annotated[int, typer.Option(min=1, help='Number of noise seeds, counted from 1.')] = 5,
@@ -62,7 +63,8 @@ def experiment(
     compares PID and observer over 40 cycles, on models as shipped, on identified ones, and on random machines. `drift`
     warms machines up by an hour of moves and shows the drift of the end point, with and without recalibration and
     learning; --out adds its figure. `stage` varies the assumptions about the XY stage and shows where it settles later
-    than the planar machine, as the thesis reports; --out adds its figure. Every arrangement gives the same bits;
+    than the planar machine, as the thesis reports; --out adds its figure. `flexible` compares modes in series with
+    modes that react on the machine: margins and errors. Every arrangement gives the same bits;
     --processes and --cluster apply to the simulation.
 
     Example: `pkm experiment planar --out runs/planar --json planar.json`
@@ -78,6 +80,8 @@ def experiment(
     Example: `pkm experiment drift --seeds 2 --out runs/drift`
 
     Example: `pkm experiment stage --out runs/stage`
+
+    Example: `pkm experiment flexible`
     """
     from pkm_core.experiments.report import markdown
 
@@ -95,6 +99,8 @@ def experiment(
         tables, figures = _drift(console, seeds, cycles, workers, out)
     elif what is What.stage:
         tables, figures = _stage(console, seeds, cycles, workers, out)
+    elif what is What.flexible:
+        tables, figures = _flexible(console, seeds, cycles, workers)
     else:
         tables, figures = _study(console, what.value, arrangement, seeds, cycles, workers, out)
     for table in tables:
@@ -193,6 +199,15 @@ def _stage(console, seeds, cycles, workers, out):
     if out:
         draw_stage(out, found)
     return stage_report(found, seeds, cycles)
+
+
+def _flexible(console, seeds, cycles, workers):
+    """Run modes in series and modes that react, and return their table and figures."""
+    from pkm_core.experiments.flexible import flexible_report, flexible_tasks
+
+    tasks = flexible_tasks(seeds, cycles)
+    results = _farm(console, list(tasks.values()), workers)
+    return flexible_report(dict(zip(tasks, results, strict=True)), seeds, cycles)
 
 
 def _farm(console, tasks, workers):

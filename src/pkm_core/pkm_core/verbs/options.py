@@ -98,8 +98,8 @@ EnvironmentOption = Annotated[
     str,
     typer.Option(
         autocompletion=environments,
-        help='Level of imperfections of the simulated machine: ideal, nominal, hard, geometric, warm, elastic '
-        '(four_dof only), or another section of config/truth.',
+        help='Level of imperfections of the simulated machine: ideal, nominal, hard, geometric, warm and flexible '
+        '(not xy_stage), elastic (four_dof only), or another section of config/truth.',
     ),
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help='Seed of the random numbers; the same seed gives the same bits.')]
