@@ -185,8 +185,8 @@ def simulate(
     seed : int
         Of noise, friction and assembly of the simulated machine, from 0.
     environment : str
-        Level of imperfections: 'ideal', 'exact', 'nominal', 'hard', 'geometric', 'warm' and 'flexible' (not xy_stage), and for
-        four_dof 'elastic'.
+        Level of imperfections: 'ideal', 'exact', 'nominal', 'hard', 'geometric', 'warm' and 'flexible' (not xy_stage),
+        and for four_dof 'elastic'.
     initial_feedforward : array_like, shape (N, n), optional
         Learned feedforward of the first cycle [V]; by default none.
     laser : bool
