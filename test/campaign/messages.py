@@ -40,7 +40,7 @@ def _beside_a_rogue(world, draw, topics, options=()):
         raise FellShortError(f'{what}: the foreign node has not published: {world.tail("rogue")}')
     rogue.kill()
     rogue.wait()
-    world.require_no_traceback()
+    world.require_no_traceback(f'{what}: ')
     if code == 0 and (figures := world.figures(out)) != expected:
         number = next(k for k, (a, b) in enumerate(zip(figures, expected, strict=False), 1) if a != b)
         raise FellShortError(f'{what}: the figures differ from those of an undisturbed run from cycle {number} on')

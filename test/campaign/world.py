@@ -139,13 +139,13 @@ class World:
         """Raise `FellShortError` if a process of the trial still runs after `timeout` [s, wall]."""
         self.wait_for(lambda: not self.running(), timeout, f'the end of {list(self.running().values())[:3]}')
 
-    def require_no_traceback(self):
-        """Raise `FellShortError` if a program or node of the trial has printed a traceback or crashed."""
+    def require_no_traceback(self, what=''):
+        """Raise `FellShortError` if a program or node of the trial, `what`, has printed a traceback or crashed."""
         for path in [*self.folder.glob('*.txt'), *self.folder.rglob('*.log')]:
             text = path.read_text(errors='replace')
             if found := _TRACEBACK.search(text):
                 lines = text[found.start() :].splitlines()
-                raise FellShortError(f'{path.name}: {lines[0]} ... {lines[-1][:300]}')
+                raise FellShortError(f'{what}{path.name}: {lines[0]} ... {" | ".join(lines[-7:])[-600:]}')
 
     def figures(self, out):
         """Return the figures of a run in `out` that depend on nothing but seed and configuration."""
