@@ -72,7 +72,7 @@ def write_cell_bag(path, experiment, record, *, ticks=None):
             f'/pkm/{name}_trajectory', 0, cycle=1, kind=1, motion='identification', learning_law='none',
             sample_time=trajectory.sample_time, coordinates=list(trajectory.coordinates),
             move_starts=trajectory.move_starts.astype(np.uint32), move_ends=trajectory.move_ends.astype(np.uint32),
-            feedforward=np.zeros(0), geometry='', planned='', stay=False,
+            feedforward=np.zeros(0), geometry='', planned='', stay=False, offset=0, hold=0,
             **{row: getattr(trajectory, row).ravel() for row in rows},
         )  # fmt: skip
     for axis, joint in enumerate(machine.joints):

@@ -24,7 +24,7 @@ def layouts(
         typer.Option(
             '--machine',
             autocompletion=names_of('machines'),
-            help='Machine of config/machines, or a YAML file; repeatable. Default: the modules and layouts of ch. 2.',
+            help='Machine of config/machines, or a YAML file.',
         ),
     ] = None,
     samples: Annotated[
@@ -40,6 +40,8 @@ def layouts(
 ):
     """
     Compare linkage modules and layouts: base area, workspace, conditioning, travel, error per um of link error.
+
+    Those of chapter 2 of the thesis; --machine, repeatable, names others.
 
     Example: `pkm layouts --out runs/layouts`
 
