@@ -92,7 +92,7 @@ def test_bag_of_another_cell_gives_no_result(cell, name, value, refusal, monkeyp
     assert read_cycle(cell.log.bags[0]).is_whole
     monkeypatch.setattr(cell, name, value)
     with pytest.raises(BagError, match=f'not recorded by this cell: .*{refusal}'):
-        read_own(cell.log.bags, cell)
+        list(read_own(cell.log.bags, cell))
 
 
 def test_rogue_messages_end_no_node_and_move_nothing(cell):
