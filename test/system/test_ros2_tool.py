@@ -55,6 +55,8 @@ feedforward: []
 planned: ''
 geometry: ''
 stay: false
+offset: 0
+hold: 0
 ---
 """
 
@@ -189,7 +191,7 @@ def test_echo_prints_a_latched_message_as_yaml(bench, ros2):
     [
         (['--field', 'coordinates'], "['q1', 'q2']\n---\n"),
         (['pkm_interfaces/msg/SampledTrajectory', '--field', 'cycle'], '3\n---\n'),
-        (['--csv', '-l', '2'], '3,0,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,,,,,False\n'),
+        (['--csv', '-l', '2'], '3,0,fr...,,1e-05,q1,q2,0,5,,0.0,0.5,...,,,,,,,False,0,0\n'),
         (['--csv', '--no-arr', '--field', 'cycle'], '3\n---\n'),
     ],
 )
