@@ -8,6 +8,11 @@ from time import monotonic, sleep
 import pytest
 
 
+def without_reports(printed):
+    """Return `printed` without the lines in which Fast DDS reports that it takes another port of shared memory."""
+    return ''.join(line for line in printed.splitlines(keepends=True) if 'RTPS_TRANSPORT_SHM' not in line)
+
+
 class Processes:
     """Starts programs in one ROS domain and ends them at the end of the test."""
 
@@ -21,8 +26,8 @@ class Processes:
         self._started = []
 
     def run(self, *command, timeout=240):
-        """Run a program to its end and return it with its output."""
-        return subprocess.run(
+        """Run a program to its end and return it with its output, see `without_reports`."""
+        done = subprocess.run(
             [str(word) for word in command],
             env=self.environment,
             cwd=self.folder,
@@ -31,6 +36,8 @@ class Processes:
             timeout=timeout,
             check=False,
         )
+        done.stderr = without_reports(done.stderr)
+        return done
 
     def start(self, *command, log='log'):
         """Start a program; what it prints goes to the file `log` of the test's folder."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from support.processes import module_processes, processes
+from support.processes import module_processes, processes, without_reports
 
 TOOL = Path(__file__).resolve().parents[2] / 'bringup_scripts' / 'ros2'
 __all__ = ['module_processes', 'processes', 'ros2', 'ros2_environment']
@@ -45,7 +45,7 @@ def ros2(ros2_environment):
             if until:
                 process.send_signal(signal.SIGINT)
             out += process.stdout.read()
-            err = process.stderr.read()
+            err = without_reports(process.stderr.read())
             assert process.wait() == code, out + err
         finally:
             process.kill()

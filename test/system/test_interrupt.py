@@ -14,6 +14,7 @@ from pkm_core.bag.reader import read_topics
 from pkm_core.errors import PkmError
 from pkm_nodes.clients.cell_client import CellClient
 from pkm_nodes.clients.cell_processes import CellProcesses
+from support.processes import without_reports
 
 DOMAIN = 111
 NODES, BIN = Path(sys.prefix) / 'lib/pkm_nodes', Path(sys.prefix) / 'bin'
@@ -60,9 +61,7 @@ def test_signals_while_programs_start_print_nothing(processes):
         sleep(max(0.0, at - monotonic()))
         process.send_signal(sent)
     for _, sent, process, number in started:
-        code, lines = process.wait(timeout=30), (processes.folder / f'{number}.log').read_text().splitlines()
-        # Fast DDS reports that another process was looking at a port of shared memory, and takes the next one
-        printed = '\n'.join(line for line in lines if 'RTPS_TRANSPORT_SHM' not in line)
+        code, printed = process.wait(timeout=30), without_reports((processes.folder / f'{number}.log').read_text())
         # 0: a node that was up, or a program at its end
         assert code in (0, 128 + sent, -sent), (commands[number], code, printed)
         assert not any(word in printed for word in ('Traceback', 'Error', 'Exception', 'invalid')), printed

@@ -11,6 +11,7 @@ import resource
 import sys
 import sysconfig
 import time
+import warnings
 from pathlib import Path
 
 from pkm_core.errors import PkmError
@@ -37,6 +38,8 @@ def prepare():
 
     """
     end_at_once()
+    # rclpy warns if a signal ends the context while a node is made
+    warnings.filterwarnings('ignore', 'Failed to fini', RuntimeWarning)
     _open_standard_streams()
     _leave_other_ros()
     try:

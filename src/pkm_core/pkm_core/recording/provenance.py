@@ -14,12 +14,18 @@ from pkm_core.errors import ConfigError
 @cache
 def git_revision():
     """Return the commit of this source tree, '0558f19c1a2b' or, edited, '0558f19c1a2b-dirty'; 'unknown' without git."""
-    command = ['git', 'describe', '--always', '--dirty', '--exclude=*', '--abbrev=12']
-    folder = Path(__file__).resolve().parent
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=10.0, check=True)
+        commit = _git('rev-parse', '--short=12', 'HEAD')
+        return f'{commit}-dirty' if _git('status', '--porcelain', '--untracked-files=no') else commit
     except (OSError, subprocess.SubprocessError):  # no git, or installed without its repository
         return 'unknown'
+
+
+def _git(*words):
+    """Return what git prints. It takes no lock: on a full disk that would stay and stop the user's next commit."""
+    command = ['git', '--no-optional-locks', *words]
+    folder = Path(__file__).resolve().parent
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=10.0, check=True)
     return done.stdout.strip()
 
 

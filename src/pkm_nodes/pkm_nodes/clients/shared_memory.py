@@ -3,7 +3,7 @@
 import fcntl
 import os
 import re
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from time import time
 
@@ -18,19 +18,25 @@ def remove_leftovers(folder=FOLDER):
     """
     Remove the files of Fast DDS in `folder` that belong to this user and to no living process; return their number.
 
-    A process holds a lock on NAME_el (or NAME_sl) as long as it uses NAME. `fastdds shm clean` uses the same criterion.
+    A process holds a lock on NAME_el (or NAME_sl) as long as it uses NAME. They are removed under this lock, so that a
+    process that starts meanwhile takes another port: one that had locked a port without its file would make every
+    later process report an error. Mutexes of ports stay, because Fast DDS uses them again.
     """
-    removed = 0
     try:
         names = {entry.name for entry in os.scandir(folder)}
     except OSError:
         return 0
-    for name in sorted(filter(_FILE.fullmatch, names)):
-        locks = [folder / f'{name}{ending}' for ending in ('_el', '_sl') if f'{name}{ending}' in names]
-        if all(map(_is_left, [folder / name, *locks])) and not any(map(_is_locked, locks)):
-            for path in (*locks, folder / f'sem.{name}_mutex', folder / name):
+    return sum(_remove(folder / name, names) for name in sorted(filter(_FILE.fullmatch, names)))
+
+
+def _remove(path, names):
+    locks = [path.with_name(f'{path.name}{ending}') for ending in ('_el', '_sl') if f'{path.name}{ending}' in names]
+    removed = 0
+    with ExitStack() as held:
+        if all(map(_is_left, [path, *locks])) and all(held.enter_context(_locked(lock)) for lock in locks):
+            for each in (path, *locks):
                 with suppress(OSError):
-                    path.unlink()
+                    each.unlink()
                     removed += 1
     return removed
 
@@ -44,15 +50,20 @@ def _is_left(path):
     return status.st_uid == os.getuid() and time() - status.st_mtime > _YOUNGEST
 
 
-def _is_locked(path):
+@contextmanager
+def _locked(path):
+    """Hold the lock of a file; False if a process has it, or the file cannot be opened."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError:
-        return True  # not known: it stays
+        yield False
+        return
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        got = True
     except OSError:
-        return True
+        got = False
+    try:
+        yield got
     finally:
         os.close(descriptor)
-    return False
