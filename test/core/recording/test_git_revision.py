@@ -9,6 +9,8 @@ import pytest
 
 from pkm_core.recording import provenance
 
+git_revision = provenance.git_revision.__wrapped__  # without its cache
+
 
 @pytest.fixture
 def repository(tmp_path, monkeypatch):
@@ -23,12 +25,12 @@ def repository(tmp_path, monkeypatch):
 
 
 def test_edited_tree_is_marked(repository):
-    clean = provenance.git_revision()
+    clean = git_revision()
     assert re.fullmatch('[0-9a-f]{12}', clean)
     (repository / 'new').touch()
-    assert provenance.git_revision() == clean, 'a new file is no edit'
+    assert git_revision() == clean, 'a new file is no edit'
     (repository / 'file_7').write_text('other')
-    assert provenance.git_revision() == f'{clean}-dirty'
+    assert git_revision() == f'{clean}-dirty'
 
 
 def test_full_disk_leaves_no_lock_in_the_repository(repository):
@@ -38,7 +40,7 @@ def test_full_disk_leaves_no_lock_in_the_repository(repository):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
     try:
-        found = provenance.git_revision()
+        found = git_revision()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert re.fullmatch('[0-9a-f]{12}', found)
@@ -47,4 +49,4 @@ def test_full_disk_leaves_no_lock_in_the_repository(repository):
 
 def test_source_without_repository_has_no_revision(tmp_path, monkeypatch):
     monkeypatch.setattr(provenance, '__file__', str(tmp_path / 'module.py'))
-    assert provenance.git_revision() == 'unknown'
+    assert git_revision() == 'unknown'
