@@ -20,7 +20,7 @@ def subscribe_one(node, message_type, topic, callback, qos, *, besides=None):
     """
     Call `callback(message)` with the messages that the `OnePublisher` of `topic` accepts; others are dropped.
 
-    rclpy's public API does not know the sender of a message: there every sender counts.
+    rclpy's public API does not know the sender of a message: there every sender counts. Return the `OnePublisher`.
     """
     warn = LogThrottle(node.get_logger())
 
