@@ -35,8 +35,8 @@ class Joint:
     """
     One joint between body `first` and body `second`; None is the base.
 
-    `acting` are the components with a reaction, of three forces and three moments along `axes`. The first axis is that of
-    a revolute joint, or of a guide, whose force along it is the thrust of its motor.
+    `acting` are the components with a reaction, of three forces and three moments along `axes`. The first axis is that
+    of a revolute joint, or of a guide, whose force along it is the thrust of its motor.
     """
 
     name: str
